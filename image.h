@@ -27,6 +27,9 @@ bool image_write(const Image *image, const char *path, double exposure_ev, Repor
  * NULL with an error 'FILE: what is wrong'. */
 Image *image_read(const char *path, Report *report);
 
+/* The same from the n bytes of a file, name being what errors call it. */
+Image *image_decode(const unsigned char *data, size_t n, const char *name, Report *report);
+
 typedef struct {
     double rmse;               /* sqrt of the mean over pixels and channels of (a-b)^2 */
     double relmse;             /* mean over pixels and channels of (a-b)^2 / (b^2 + 0.01 m^2), m the mean of b over pixels and channels */

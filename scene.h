@@ -7,28 +7,14 @@
  * not depend on the user's unit or origin, and scaling a scene by a power of two gives the same file bit for bit. Radiance has no length in it. */
 #ifndef SCENE_H
 #define SCENE_H
+#include "bsdf.h"
 #include "bvh.h"
 #include "image.h"
-#include "rng.h"
-
-typedef enum { MATERIAL_DIFFUSE, MATERIAL_MIRROR, MATERIAL_GLASS } MaterialKind;
-
-typedef struct {
-    char *name;                /* owned */
-    MaterialKind kind;
-    Rgb kd;                    /* diffuse reflectance (DIFFUSE) */
-    Rgb ks;                    /* Phong reflectance (DIFFUSE), tint (MIRROR); kd + ks <= 1 in each channel */
-    Rgb tf;                    /* transmission tint (GLASS) */
-    Rgb ke;                    /* emitted radiance on the front side, any kind */
-    double ns;                 /* Phong exponent, >= 0 */
-    double ni;                 /* refractive index behind the front side over the one before it, > 0 */
-    Image *map_kd;             /* replaces kd; NULL if absent; owned */
-} Material;
 
 /* The front of a triangle is the side from which its vertices run counter-clockwise; the reader has already swapped vertices where the
  * vertex normals say otherwise. Triangles of zero area are not kept. */
 typedef struct {
-    uint32_t n_triangles, n_positions, n_normals, n_uvs, n_materials;
+    uint32_t n_triangles, n_positions, n_normals, n_uvs, n_materials, n_textures;
     float (*position)[3];              /* [n_positions], scene unit */
     float (*normal)[3];                /* [n_normals], unit length; NULL if no face has normals */
     float (*uv)[2];                    /* [n_uvs]; NULL if no textured face has them */
@@ -37,6 +23,7 @@ typedef struct {
     uint32_t (*triangle_uv)[3];        /* the same for uv */
     uint32_t *triangle_material;       /* [n_triangles], indices into material */
     Material *material;                /* [n_materials]; only those that a face names, plus the grey default where a face has none */
+    Image **texture;                   /* [n_textures], owned; a material points to one of them or to none */
     Vec3 centre;                       /* user unit */
     double unit;                       /* a power of two */
 } Mesh;
@@ -50,4 +37,58 @@ typedef struct {
     double aperture;                   /* lens radius; 0 = pinhole */
     double focus;                      /* distance of the plane in focus along the view direction */
 } CameraSettings;
+
+/* The camera in the scene's unit. Pinhole if aperture is 0. */
+typedef struct {
+    Vec3 eye, right, up, forward;      /* orthonormal; x runs right, y down on the film */
+    double half_width, half_height;    /* of the film at distance 1 */
+    double aperture, focus;
+    uint32_t width, height;
+} Camera;
+
+/* A point of a surface, or of the lens (triangle = BVH_NONE, ng = forward, material NULL). */
+typedef struct {
+    Vec3 p;
+    uint32_t triangle;
+    Surface surface;
+} Point;
+
+typedef struct {
+    Mesh mesh;
+    Bvh *bvh;
+    Camera camera;
+    uint32_t n_lights;
+    uint32_t *light;                   /* [n_lights] emitting triangles */
+    double *light_threshold;           /* [n_lights] alias table: keep i below the threshold, else take light_alias[i] */
+    uint32_t *light_alias;
+    double power;                      /* sum over emitters of max(ke) * area: light sampling is in proportion to it */
+    bool has_specular;
+    double seconds_load, seconds_build;
+    uint64_t *rays;                    /* [1] closest and any hit queries so far */
+} Scene;
+
+/* Reads OBJ, MTL and NAME.cam; 'overrides' wins over NAME.cam. False with an error. Free with scene_free. */
+bool scene_load(Scene *scene, const char *path, const CameraSettings *overrides, BvhEffort effort, Report *report);
+void scene_free(Scene *scene);
+size_t scene_bytes(const Scene *scene);
+
+/* First surface met from a point in the unit direction w. The ray starts off the surface by a bound of the rounding errors, on the side of w,
+ * and never meets the triangle it starts on; the hit is computed anew in double. */
+bool scene_trace(const Scene *scene, const Point *from, Vec3 w, Point *hit);
+
+/* V(a,b): whether nothing lies between; both ends treated alike. */
+bool scene_visible(const Scene *scene, const Point *a, const Point *b);
+
+/* Uniform on a triangle that is picked in proportion to its power. Needs n_lights > 0. */
+void scene_sample_light(const Scene *scene, Rng *rng, Point *point);
+/* p_A of scene_sample_light for any point of an emitting surface, also one that was hit by chance (per area, scene unit). */
+double scene_light_pdf_a(const Scene *scene, const Material *material);
+
+/* A point of the lens, uniform. */
+void camera_sample_lens(const Camera *camera, Rng *rng, Point *lens);
+/* The direction in which the lens point sees the raster position (pixels, (0,0) top left). */
+Vec3 camera_direction(const Camera *camera, const Point *lens, double x, double y);
+/* The raster position of a direction that leaves the lens point, and W_e per projected solid angle (mathematics: 1/(A_film cos^4)).
+ * False if it is off the film or behind. */
+bool camera_project(const Camera *camera, const Point *lens, Vec3 w, double *x, double *y, double *we);
 #endif

@@ -1,0 +1,51 @@
+# mlt: Metropolis light transport in plain C. Needs a C11 compiler and make, nothing else.
+#
+#   make             the program ./mlt, optimised for this machine
+#   make ARCH=       a portable binary
+#   make SAN=1       with address and undefined-behaviour sanitizers (in a build folder of its own; the program is ./mlt all the same)
+#   make demo        renders a shipped scene
+#   make test        proves it right: a few minutes
+#   make install     PREFIX=/usr/local, DESTDIR=
+
+CFLAGS ?= -O3
+ARCH ?= -march=native
+PREFIX ?= /usr/local
+# Not for the user to change: the language, and arithmetic as written (a fused multiply-add in a product that two triangles share would open
+# the seam between them). math-errno and trapping-math are promises not to read errno and floating-point flags, which no code here does.
+MUST = -std=c11 -D_POSIX_C_SOURCE=200809L -ffp-contract=off -fno-math-errno -fno-trapping-math
+WARN = -Wall -Wextra -Wpedantic -Wshadow -Wconversion
+BUILD = build/main
+ifdef SAN
+  CFLAGS = -O1 -g -fno-omit-frame-pointer
+  MUST += -fsanitize=address,undefined -fno-sanitize-recover=undefined
+  BUILD = build/san
+endif
+COMPILE = $(CC) $(CPPFLAGS) $(CFLAGS) $(ARCH) $(MUST) $(WARN) -I.
+
+PARTS = $(filter-out main,$(basename $(wildcard *.c)))
+OBJECTS = $(PARTS:%=$(BUILD)/%.o)
+TESTS = $(patsubst test/%.c,%,$(wildcard test/test_*.c))
+
+mlt: $(BUILD)/mlt
+	cp $< $@
+
+$(BUILD)/mlt: $(BUILD)/main.o $(OBJECTS)
+	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
+
+$(BUILD)/%.o: %.c Makefile
+	@mkdir -p $(@D)
+	$(COMPILE) -MMD -MP -c $< -o $@
+
+$(BUILD)/%.o: test/%.c Makefile
+	@mkdir -p $(@D)
+	$(COMPILE) -Itest -MMD -MP -c $< -o $@
+
+$(BUILD)/test_%: $(BUILD)/test_%.o $(OBJECTS)
+	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
+
+-include $(wildcard $(BUILD)/*.d)
+
+clean:
+	rm -rf build mlt
+
+.PHONY: clean

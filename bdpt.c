@@ -1,0 +1,258 @@
+/* Path tracing and bidirectional path tracing. [Veach ch. 9 and 10]
+ *
+ * The bidirectional weight needs no densities of its own: with the balance heuristic a candidate counts f / (sum of p over all techniques),
+ * and that sum over f is path_routes(-1, k+1), made of 1/C and 1/S. Only the two joined vertices differ from one technique to the next,
+ * so the sum is split into a prefix over the light subpath and a suffix over the lens subpath, and each join costs a constant.
+ * Russian roulette: a subpath goes on from a vertex with the probability 'survival' of its surface; 1/S is multiplied by it.
+ */
+#include "bdpt.h"
+#include <stdlib.h>
+#include <string.h>
+
+struct Bdpt {
+    Path light, lens;                          /* lens subpath: its vertex j is lens.v[MAX_EDGES - j], x_k is j = 0 */
+    int n_light, n_lens;
+    /* Prefix after light vertex t: 'sum' over joins at edges before t, 'grown' the density of having grown v[0..t] alone; all over f. */
+    double sum[MAX_EDGES + 1], grown[MAX_EDGES + 1];
+    /* Suffix at lens vertex j: the whole sum is sum * alpha + grown * beta, both taken at that vertex. */
+    double alpha[MAX_EDGES + 1], beta[MAX_EDGES + 1];
+    Rgb light_colour[MAX_EDGES + 1], lens_colour[MAX_EDGES + 1];   /* products of colour up to and with this vertex */
+    int lens_diffuse[MAX_EDGES + 1];           /* non-specular vertices among lens vertices 1..j */
+};
+
+Bdpt *bdpt_new(void) { return malloc(sizeof(Bdpt)); }
+void bdpt_free(Bdpt *bdpt) { free(bdpt); }
+
+static Vertex *lens_vertex(const Bdpt *b, int j) { return (Vertex *)&b->lens.v[MAX_EDGES - j]; }
+
+/* Chance to go on from a vertex, a function of the point alone so that every technique can tell it. */
+static double survival(const Point *point) { return bsdf_albedo(&point->surface); }
+
+static void with_survival(Vertex *v)
+{
+    double r = survival(&v->point);
+    v->s.inv_S_lens *= r;
+    v->s.inv_S_light *= r;
+}
+
+static void trace_light(Bdpt *b, const Space *space, Rng *rng)
+{
+    Path *p = &b->light;
+    p->k = MAX_EDGES;
+    path_grow_to_lens(space, p, -1, rng);
+    const Material *m = p->v[0].point.surface.material;
+    double emitted = max3(m->ke);
+    p->light_pdf_a = scene_light_pdf_a(space->scene, m);
+    p->v[0].s = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1 };
+    b->sum[0] = 1 / emitted;
+    b->grown[0] = p->light_pdf_a;
+    b->light_colour[0] = p->v[0].s.colour;
+    b->n_light = 1;
+    for (int i = 0; i < space->max_depth - 1; i++) {
+        if (i > 0 && rng_double(rng) >= survival(&p->v[i].point)) return;
+        if (!path_grow_to_lens(space, p, i, rng)) return;
+        if (i > 0) {                           /* v[i] is now known from both sides */
+            if (!path_scatter(space, p, i)) return;
+            with_survival(&p->v[i]);
+            b->sum[i] = b->sum[i - 1] * p->v[i].s.inv_S_light + b->grown[i - 1] * path_inv_C(p, i - 1);
+            b->grown[i] = b->grown[i - 1] * p->v[i - 1].s.inv_S_lens;
+            b->light_colour[i] = mul(b->light_colour[i - 1], p->v[i].s.colour);
+        }
+        b->n_light = i + 2;
+    }
+}
+
+static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng)
+{
+    Path *p = &b->lens;
+    p->k = MAX_EDGES;
+    path_grow_to_light(space, p, p->k + 1, rng);
+    b->n_lens = 1;
+    b->alpha[0] = 1;
+    b->beta[0] = 0;
+    b->lens_colour[0] = vec3(1, 1, 1);
+    b->lens_diffuse[0] = 0;
+    if (!path_look(space, p, x, y) || !path_scatter(space, p, p->k)) return false;
+    b->n_lens = 2;
+    for (int j = 1; j < space->max_depth; j++) {
+        int i = MAX_EDGES - j;
+        if (rng_double(rng) >= survival(&p->v[i].point)) return true;
+        if (!path_grow_to_light(space, p, i, rng) || !path_scatter(space, p, i)) return true;
+        with_survival(&p->v[i]);
+        b->alpha[j] = b->alpha[j - 1] * p->v[i + 1].s.inv_S_light;
+        b->beta[j] = b->alpha[j - 1] * path_inv_C(p, i) + b->beta[j - 1] * p->v[i].s.inv_S_lens;
+        b->lens_colour[j] = mul(b->lens_colour[j - 1], p->v[i].s.colour);
+        b->lens_diffuse[j] = b->lens_diffuse[j - 1] + (p->v[i].mode == MODE_NONE);
+        b->n_lens = j + 2;
+    }
+    return true;
+}
+
+/* Direct light is L D? S* E: of the lens vertices 1 .. k-2 none may be non-specular, and the joined ones always are. */
+static bool counts(const Bdpt *b, const Space *space, int n_light, int n_lens)
+{
+    int k = n_light + n_lens - 1;
+    if (k > space->max_depth) return false;
+    if (space->direct == DIRECT_INCLUDED) return true;
+    bool direct = k < 3 || (n_light <= 1 && b->lens_diffuse[k - 2] == 0);
+    return direct == (space->direct == DIRECT_ONLY);
+}
+
+/* One more vertex in the recurrence of path_routes. */
+typedef struct { double sum, grown; } Routes;
+static Routes extend(Routes r, const Scatter *from, double inv_G, const Scatter *to)
+{
+    return (Routes){ r.sum * to->inv_S_light + r.grown * (from->inv_F * inv_G * to->inv_F), r.grown * from->inv_S_lens };
+}
+
+/* Fills the candidate of n_light and n_lens vertices; false if it carries nothing. */
+static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Candidate *c)
+{
+    const Vertex *lens = lens_vertex(b, n_lens - 1);
+    double x = b->lens.raster_x, y = b->lens.raster_y;
+    Scatter at_lens;
+    Routes routes;
+    Rgb colour;
+    if (n_light == 0) {                        /* the lens subpath met a light by itself */
+        const Material *m = lens->point.surface.material;
+        double emitted = max3(m->ke);
+        if (!(emitted > 0) || dot(lens->to_lens, lens->point.surface.ng) <= 0) return false;
+        at_lens = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1 };
+        routes = (Routes){ at_lens.inv_F, scene_light_pdf_a(space->scene, m) };
+        colour = at_lens.colour;
+    } else {
+        const Vertex *light = &b->light.v[n_light - 1];
+        if ((n_light > 1 && material_is_specular(light->point.surface.material)) || (n_lens > 1 && material_is_specular(lens->point.surface.material)))
+            return false;
+        Vec3 d = sub(lens->point.p, light->point.p);
+        double squared = dot(d, d), we, cos_light, cos_lens;
+        Vec3 w = scale(1 / sqrt(squared), d);
+        cos_light = dot(w, light->point.surface.ng);
+        cos_lens = dot(w, lens->point.surface.ng);
+        double inv_G = squared / fabs(cos_light * cos_lens);
+        if (!(inv_G > 0) || !(inv_G < INFINITY)) return false;
+        Scatter at_light = light->s;
+        if (n_light == 1) {
+            if (cos_light <= 0) return false;
+            routes = (Routes){ b->sum[0], b->grown[0] };
+            colour = at_light.colour;
+        } else {
+            if (!bsdf_scatter(&light->point.surface, neg(light[-1].to_lens), w, MODE_NONE, &at_light)) return false;
+            double r = survival(&light->point);
+            at_light.inv_S_lens *= r;
+            at_light.inv_S_light *= r;
+            routes = extend((Routes){ b->sum[n_light - 2], b->grown[n_light - 2] }, &light[-1].s, light[-1].inv_G, &at_light);
+            colour = mul(b->light_colour[n_light - 2], at_light.colour);
+        }
+        if (n_lens == 1) {
+            if (!camera_project(&space->scene->camera, &lens->point, neg(w), &x, &y, &we)) return false;
+            at_lens = (Scatter){ vec3(1, 1, 1), 1 / we, 0, 1, 1 };
+        } else {
+            if (!bsdf_scatter(&lens->point.surface, neg(w), lens->to_lens, MODE_NONE, &at_lens)) return false;
+            double r = survival(&lens->point);
+            at_lens.inv_S_lens *= r;
+            at_lens.inv_S_light *= r;
+            colour = mul(colour, at_lens.colour);
+        }
+        routes = extend(routes, &at_light, inv_G, &at_lens);
+        if (!scene_visible(space->scene, &light->point, &lens->point)) return false;
+    }
+    double total = routes.sum;
+    if (n_lens > 1) {
+        routes = extend(routes, &at_lens, lens->inv_G, &lens[1].s);
+        total = routes.sum * b->alpha[n_lens - 2] + routes.grown * b->beta[n_lens - 2];
+        colour = mul(colour, b->lens_colour[n_lens - 2]);
+    }
+    c->n_light = n_light;
+    c->n_lens = n_lens;
+    c->pixel = (uint32_t)y * space->scene->camera.width + (uint32_t)x;
+    c->rgb = scale(1 / total, colour);
+    c->weight = luminance(c->rgb) * (space->weight ? (double)space->weight[c->pixel] : 1);
+    return c->weight > 0;
+}
+
+void bdpt_sample(Bdpt *b, const Space *space, double x, double y, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
+{
+    if (space->scene->n_lights == 0) return;
+    Candidate c;
+    trace_light(b, space, rng);
+    trace_lens(b, space, x, y, rng);
+    for (int n_light = 0; n_light <= b->n_light; n_light++)
+        for (int n_lens = n_light == 0 ? 2 : 1; n_lens <= b->n_lens; n_lens++)
+            if (counts(b, space, n_light, n_lens) && join(b, space, n_light, n_lens, &c)) visit(context, &c);
+}
+
+bool bdpt_path(const Bdpt *b, const Space *space, int n_light, int n_lens, Path *out)
+{
+    out->k = n_light + n_lens - 1;
+    memcpy(out->v, b->light.v, (size_t)n_light * sizeof out->v[0]);
+    memcpy(out->v + n_light, lens_vertex(b, n_lens - 1), (size_t)n_lens * sizeof out->v[0]);
+    /* joined vertices scatter diffusely, whatever they did when the subpath went on from them */
+    if (n_light > 0) out->v[n_light - 1].mode = MODE_NONE;
+    out->v[n_light].mode = MODE_NONE;
+    return path_evaluate(space, out);
+}
+
+/* Light that one light sample sends over the surface towards 'known', times throughput still to come, with its weight against the
+ * chance that scattering finds the same emitter point. */
+static Rgb sampled_light(const Space *space, const Point *at, Vec3 known, Rng *rng)
+{
+    Point light;
+    Scatter s;
+    scene_sample_light(space->scene, rng, &light);
+    Vec3 d = sub(light.p, at->p);
+    double squared = dot(d, d);
+    Vec3 w = scale(1 / sqrt(squared), d);
+    double cos_light = -dot(w, light.surface.ng), cos_here = fabs(dot(w, at->surface.ng));
+    if (!(squared > 0) || cos_light <= 0 || !bsdf_scatter(&at->surface, w, known, MODE_NONE, &s)) return vec3(0, 0, 0);
+    const Material *m = light.surface.material;
+    double pdf_a = scene_light_pdf_a(space->scene, m), G = cos_light * cos_here / squared;
+    double scattering_pdf_a = bsdf_pdf_pw(&at->surface, known, w) * G;
+    if (!scene_visible(space->scene, at, &light)) return vec3(0, 0, 0);
+    return scale(G / (s.inv_F * (pdf_a + scattering_pdf_a)), mul(m->ke, s.colour));
+}
+
+Rgb path_trace(const Space *space, double x, double y, Rng *rng)
+{
+    const Scene *scene = space->scene;
+    Rgb sum = vec3(0, 0, 0), throughput = vec3(1, 1, 1);
+    if (scene->n_lights == 0) return sum;
+    Point at, next;
+    camera_sample_lens(&scene->camera, rng, &at);
+    Vec3 w = camera_direction(&scene->camera, &at, x, y);
+    int diffuse = 0;                           /* non-specular vertices so far */
+    double pdf_pw = 0;                         /* of the last direction, if light sampling competes with it; else 0 */
+    for (int edges = 1; edges <= space->max_depth; edges++) {
+        if (!scene_trace(scene, &at, w, &next)) break;
+        const Material *m = next.surface.material;
+        double cos_light = -dot(w, next.surface.ng);
+        bool direct = diffuse == 0 || (diffuse == 1 && pdf_pw > 0);
+        if (material_emits(m) && cos_light > 0 && (space->direct == DIRECT_INCLUDED || direct == (space->direct == DIRECT_ONLY))) {
+            double share = 1;
+            if (pdf_pw > 0) {
+                Vec3 d = sub(next.p, at.p);
+                double scattering_pdf_a = pdf_pw * cos_light * fabs(dot(w, at.surface.ng)) / dot(d, d);
+                share = scattering_pdf_a / (scattering_pdf_a + scene_light_pdf_a(scene, m));
+            }
+            sum = add(sum, scale(share, mul(throughput, m->ke)));
+        }
+        if (edges == space->max_depth) break;
+        at = next;
+        Vec3 known = neg(w);
+        bool specular = material_is_specular(m);
+        if (!specular) {
+            if (space->direct == DIRECT_INCLUDED || (diffuse == 0) == (space->direct == DIRECT_ONLY))
+                sum = add(sum, mul(throughput, sampled_light(space, &at, known, rng)));
+            diffuse++;
+        }
+        if (space->direct == DIRECT_ONLY && (diffuse > 1 || (diffuse == 1 && specular))) break;
+        double survive = edges < 3 ? 1 : fmin(1, max3(throughput));
+        if (rng_double(rng) >= survive) break;
+        Mode mode;
+        Scatter s;
+        if (!bsdf_sample(&at.surface, known, rng, &w, &mode) || !bsdf_scatter(&at.surface, w, known, mode, &s) || !(s.inv_S_light > 0)) break;
+        throughput = mul(throughput, scale(1 / (survive * s.inv_S_light), s.colour));
+        pdf_pw = specular ? 0 : s.inv_S_light / s.inv_F;
+    }
+    return sum;
+}

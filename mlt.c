@@ -1,0 +1,138 @@
+/* The Metropolis sampler. See mlt.h for what is exact and why. [lecture: Large-scale structure of code; Veach ch. 11] */
+#include "mlt.h"
+#include <stdlib.h>
+
+double even(double offset, uint64_t index, int dimension)
+{
+    /* 1/g and 1/g^2 for the plastic number g: the most even additive recurrence in two dimensions */
+    static const double step[2] = { 0.7548776662466927, 0.5698402909980532 };
+    double u = offset + step[dimension] * (double)(index & 0xffffffffu);
+    return u - floor(u);
+}
+
+static void add_weight(void *context, const Candidate *c) { *(double *)context += c->weight; }
+
+static void sample(const Bootstrap *s, const Space *space, Bdpt *bdpt, uint64_t i, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
+{
+    const Camera *camera = &space->scene->camera;
+    *rng = rng_new(s->seed, s->stream + i);
+    bdpt_sample(bdpt, space, even(s->offset_x, i, 0) * camera->width, even(s->offset_y, i, 1) * camera->height, rng, visit, context);
+}
+
+bool bootstrap_run(Bootstrap *s, const Space *space, Bdpt *bdpt, uint64_t n, uint64_t seed, uint64_t stream)
+{
+    Rng rng = rng_new(seed, ~stream);
+    *s = (Bootstrap){ .n = n, .seed = seed, .stream = stream, .sum = malloc((n ? n : 1) * sizeof *s->sum) };
+    if (!s->sum) return false;
+    s->offset_x = rng_double(&rng);
+    s->offset_y = rng_double(&rng);
+    double sum = 0, squares = 0;
+    for (uint64_t i = 0; i < n; i++) {
+        double weight = 0;
+        sample(s, space, bdpt, i, &rng, add_weight, &weight);
+        if (!isfinite(weight)) { s->bad++; weight = 0; }
+        s->hits += weight > 0;
+        s->sum[i] = sum += weight;
+        squares += weight * weight;
+    }
+    s->b = n ? sum / (double)n : 0;
+    s->b_variance = n > 1 ? fmax(0, squares / (double)n - s->b * s->b) / (double)(n - 1) : 0;
+    return true;
+}
+
+void bootstrap_free(Bootstrap *s)
+{
+    free(s->sum);
+    s->sum = NULL;
+}
+
+/* Finds the candidate at which a running sum passes 'left'. */
+typedef struct { double left; Candidate chosen; bool found; } Pick;
+static void pick(void *context, const Candidate *c)
+{
+    Pick *p = context;
+    if (p->found && p->left < 0) return;
+    p->chosen = *c;                            /* the last one stays if rounding lets the sum end just below */
+    p->found = true;
+    p->left -= c->weight;
+}
+
+bool bootstrap_seed(const Bootstrap *s, const Space *space, Bdpt *bdpt, double u, Path *x)
+{
+    if (!(s->b > 0)) return false;
+    double target = u * s->sum[s->n - 1];
+    uint64_t low = 0, high = s->n - 1;         /* first i with sum[i] > target */
+    while (low < high) {
+        uint64_t middle = low + (high - low) / 2;
+        if (s->sum[middle] > target) high = middle;
+        else low = middle + 1;
+    }
+    Rng rng;
+    Pick p = { .left = target - (low > 0 ? s->sum[low - 1] : 0) };
+    sample(s, space, bdpt, low, &rng, pick, &p);
+    return p.found && bdpt_path(bdpt, space, p.chosen.n_light, p.chosen.n_lens, x);
+}
+
+Sampler sampler_for(const Scene *scene, unsigned allowed)
+{
+    double pixels = (double)scene->camera.width * scene->camera.height;
+    Sampler s = { .table = mutation_table, .rows = MUTATIONS };
+    s.tuning = (Tuning){ .p_d2_importance = 0.5, .light_scale = 1, .r1 = 0.1, .r2 = fmax(0.2, sqrt(0.05 * pixels / PI)), .theta1 = 1e-4, .theta2 = 0.1 };
+    for (int i = 0; i < MUTATIONS; i++)
+        if (allowed >> i & 1 && (scene->has_specular || !mutation_table[i].needs_specular)) s.share[i] = mutation_table[i].share;
+    return s;
+}
+
+/* Shares of the rows that apply to x; returns their sum. */
+static double choices(const Space *space, const Sampler *s, const Path *x, double share[MUTATIONS])
+{
+    double sum = 0;
+    for (int i = 0; i < s->rows; i++) sum += share[i] = s->share[i] > 0 && s->table[i].applies(space, x) ? s->share[i] : 0;
+    return sum;
+}
+
+void chain_run(const Space *space, const Sampler *s, Path *x, Path *y, uint64_t steps, Rng *rng,
+               void (*record)(void *, const Path *, double), void *context, ChainCount *count)
+{
+    double share_x[MUTATIONS], share_y[MUTATIONS], sum_x = choices(space, s, x, share_x), weight = 0;
+    uint64_t rejected = 0;
+    for (uint64_t step = 0; step < steps; step++) {
+        double a = 0, u = rng_double(rng) * sum_x;
+        int i = 0;
+        while (i < s->rows - 1 && u >= share_x[i]) u -= share_x[i++];
+        if (share_x[i] > 0) {
+            Move move;
+            Outcome outcome = s->table[i].propose(space, &s->tuning, x, y, rng, &move);
+            count->row[i].proposed++;
+            if (outcome == PROPOSED) {
+                /* q_i(x) stands in T(y|x), q_i(y) in T(x|y) */
+                double sum_y = choices(space, s, y, share_y), ratio = move.R_yx / move.R_xy * (share_y[i] / sum_y) / (share_x[i] / sum_x);
+                a = ratio < 1 ? ratio : 1;
+                if (isnan(ratio)) { count->bad++; a = 0; }
+                if (!(a > 0)) outcome = ZERO_NO_WAY;
+                else if (move.joined >= 0 && !scene_visible(space->scene, &y->v[move.joined].point, &y->v[move.joined + 1].point)) outcome = ZERO_BLOCKED;
+                if (outcome != PROPOSED) a = 0;
+                else if (rng_double(rng) < a) {
+                    weight += 1 - a;
+                    if (weight > 0) record(context, x, weight);
+                    Path *swap = x;
+                    x = y;
+                    y = swap;
+                    sum_x = sum_y;
+                    for (int r = 0; r < s->rows; r++) share_x[r] = share_y[r];
+                    weight = a;
+                    count->row[i].accepted++;
+                    rejected = 0;
+                    count->row[i].outcome[PROPOSED]++;
+                    continue;
+                } else record(context, y, a);
+            }
+            count->row[i].outcome[outcome]++;
+            count->row[i].zero += outcome != PROPOSED;
+        }
+        weight += 1 - a;
+        if (++rejected > count->longest_rejection) count->longest_rejection = rejected;
+    }
+    if (weight > 0) record(context, x, weight);
+    count->steps += steps;
+}

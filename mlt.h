@@ -1,0 +1,51 @@
+/* The Metropolis sampler: b and seeds from independent bidirectional samples, and the chain that walks the table of mutations.
+ *
+ *   N times { y = Mutate(x); a = AcceptProb(y|x); if Random() < a: x = y; RecordSample(image, x) }     [lecture: Large-scale structure of code]
+ *
+ * Knows no mutation by name and no image: what it records goes to a function. */
+#ifndef MLT_H
+#define MLT_H
+#include "bdpt.h"
+#include "mutate.h"
+
+/* n bidirectional samples: b^ = mean of the weights W_i, seeds resampled from the same n in proportion to W_i. Then the expectation of
+ * b^ * recorded is exact for every number of steps and every n; there is no start-up bias. */
+typedef struct {
+    uint64_t n;
+    uint64_t seed, stream;     /* sample i replays from rng_new(seed, stream + i) */
+    double *sum;               /* [n] running sum of W_i */
+    double b, b_variance;      /* integral of f* over path space, and the variance of that estimate */
+    uint64_t hits;             /* samples with W_i > 0 */
+    double offset_x, offset_y; /* of the stratified raster positions */
+    uint64_t bad;              /* samples that were not finite: dropped and reported */
+} Bootstrap;
+
+bool bootstrap_run(Bootstrap *bootstrap, const Space *space, Bdpt *bdpt, uint64_t n, uint64_t seed, uint64_t stream);
+void bootstrap_free(Bootstrap *bootstrap);
+/* The path at u in [0,1) of the running sum. For many chains, take u stratified. False if b is 0. */
+bool bootstrap_seed(const Bootstrap *bootstrap, const Space *space, Bdpt *bdpt, double u, Path *x);
+
+/* A point of a sequence that fills [0,1) evenly at every length, from an offset (additive recurrence); dimension 0 or 1. */
+double even(double offset, uint64_t index, int dimension);
+
+/* What a chain proposes from: rows, and how often. Among the rows that apply to x, row i is chosen with q_i(x) = share_i / sum of shares. */
+typedef struct {
+    const Mutation *table;
+    int rows;
+    double share[MUTATIONS];   /* 0: never proposed */
+    Tuning tuning;
+} Sampler;
+
+/* The shares that a scene can use, of those that are allowed (bit i = row i of mutation_table), and the step sizes for a film. */
+Sampler sampler_for(const Scene *scene, unsigned allowed);
+
+typedef struct {
+    uint64_t steps, bad, longest_rejection;
+    struct { uint64_t proposed, accepted, zero, outcome[OUTCOMES]; } row[MUTATIONS];
+} ChainCount;
+
+/* Runs a chain of 'steps' mutations from *x; y is work space. Records every state with the weights of expected values: their sum is 'steps'.
+ * record(context, path, weight): the path's share of the picture is weight * colour / chi. */
+void chain_run(const Space *space, const Sampler *sampler, Path *x, Path *y, uint64_t steps, Rng *rng,
+               void (*record)(void *context, const Path *path, double weight), void *context, ChainCount *count);
+#endif

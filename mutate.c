@@ -1,0 +1,154 @@
+/* The bidirectional mutation. [lecture: bidirectional mutation, PART A and B; Veach ch. 11.4]
+ *
+ * Delete: k_d = t-s edges between x_s and x_t, -1 <= s < t <= k+1 (the slides' 'possible values for s and t are ???').
+ * Add:    k_a edges, m = k_a - 1 vertices, j of them grown from x_s and m - j from x_t, then one edge that joins the two.
+ *
+ *     p_d[s,t] = p_d1[k_d] p_d2[s,t]         p_a[j] = p_a1[k_a] p_a2[j], p_a2 uniform over the ways that exist
+ *     T(y|x)   = p_d p_a1 * sum over j of p_a2[j] * density of way j,     f(y) / density = chi Q_j
+ *     R(y|x)   = chi(y) / ( p_d p_a1 * sum_j p_a2[j] / Q_j )
+ *
+ * The label (s, k-t, k_d, k_a) is one strategy of 'for each strategy i'; the reverse move has k_d and k_a exchanged. Balance holds label by
+ * label, so other (s,t) that could lead to the same y need not be summed.
+ */
+#include "mutate.h"
+
+const char *const outcome_name[OUTCOMES] = { "proposed", "no_way", "lost", "side", "film", "class", "blocked" };
+
+/* 1/4, 1/2, 2^-e; cut at k+2, where the sum is 1 - 2^-(k+2). */
+double bidir_p_d1(int k, int k_d)
+{
+    double p = k_d == 1 ? 0.25 : k_d == 2 ? 0.5 : ldexp(1, -k_d);
+    return p / (1 - ldexp(1, -(k + 2)));
+}
+
+static int draw_k_d(int k, Rng *rng)
+{
+    double u = rng_double(rng) * (1 - ldexp(1, -(k + 2)));
+    if (u < 0.5) return 2;
+    if (u < 0.75) return 1;
+    int e = 3;
+    for (double edge = 0.875, step = 0.0625; u >= edge && e < k + 2; edge += step, step /= 2) e++;
+    return e;
+}
+
+/* Mass of p_a1 on one side, |d| = 1 .. n: 0.15 + 0.1 (1/2 + 1/4 + ..) */
+static double one_side(int n) { return n <= 0 ? 0 : 0.15 + 0.1 * (1 - ldexp(1, 1 - n)); }
+
+/* How far k_a may lie below and above k_d: k_a >= 1 and 1 <= k' <= max_depth. */
+static int room_below(int k, int k_d) { return k_d < k ? k_d - 1 : k - 1; }
+static int room_above(int k, int max_depth) { return max_depth - k; }
+
+double bidir_p_a1(int k, int k_d, int k_a, int max_depth)
+{
+    int d = k_a - k_d, below = room_below(k, k_d), above = room_above(k, max_depth), distance = d < 0 ? -d : d;
+    if (distance > 0 && distance > (d < 0 ? below : above)) return 0;
+    double p = d == 0 ? 0.5 : distance == 1 ? 0.15 : 0.1 * ldexp(1, 1 - distance);
+    return p / (0.5 + one_side(below) + one_side(above));
+}
+
+static int draw_k_a(int k, int k_d, int max_depth, Rng *rng)
+{
+    double below = one_side(room_below(k, k_d)), above = one_side(room_above(k, max_depth));
+    double u = rng_double(rng) * (0.5 + below + above) - 0.5;
+    if (u < 0) return k_d;
+    int sign = u < below ? -1 : 1, room = sign < 0 ? room_below(k, k_d) : room_above(k, max_depth), n = 1;
+    if (sign > 0) u -= below;
+    for (double edge = 0.15, step = 0.05; u >= edge && n < room; edge += step, step /= 2) n++;
+    return k_d + sign * n;
+}
+
+/* A way joins u_j and u_{j+1}. j = 0 needs x_s to be joinable, j = m needs x_t to be; what else is possible depends on the ends alone and
+ * never on the new vertices, so that proposal and weights agree. */
+int bidir_ways(const Path *z, int s, int t, int m)
+{
+    if (s == z->k) return 0;                                     /* nothing grows from the lens */
+    if (s < 0 && m == 0) return t < z->k && material_emits(z->v[t].point.surface.material);
+    bool first = s < 1 || !material_is_specular(z->v[s].point.surface.material);
+    bool last = t == z->k || (t < z->k && !material_is_specular(z->v[t].point.surface.material));
+    if (m == 0) return first && last;
+    return m + 1 - !first - !last;
+}
+
+double bidir_w(const Path *z, int s, int t)
+{
+    int ways = bidir_ways(z, s, t, t - s - 1);
+    return ways == 0 ? 0 : path_routes(z, s, t) / ways;
+}
+
+/* The computable part of 1/R(x|y) [lecture: Deletion Probability]: 1/C for a single edge, the sum over regrowths for longer segments. */
+static double weighted_w(const Tuning *tuning, const Path *z, int s, int t)
+{
+    return (s < 0 ? tuning->light_scale : 1) * bidir_w(z, s, t);
+}
+
+double bidir_p_d2(const Tuning *tuning, const Path *z, int s, int t)
+{
+    int k_d = t - s, segments = z->k + 3 - k_d;
+    double uniform = 1.0 / segments, importance = tuning->p_d2_importance;
+    if (importance == 0) return uniform;
+    double W = 0;
+    for (int i = -1; i < segments - 1; i++) W += weighted_w(tuning, z, i, i + k_d);
+    if (!(W > 0)) return (1 - importance) * uniform;
+    return importance * weighted_w(tuning, z, s, t) / W + (1 - importance) * uniform;
+}
+
+/* The first vertex of the segment. */
+static int draw_s(const Tuning *tuning, const Path *x, int k_d, Rng *rng)
+{
+    int segments = x->k + 3 - k_d, s;
+    if (tuning->p_d2_importance == 0 || rng_double(rng) >= tuning->p_d2_importance) return (int)rng_index(rng, (uint32_t)segments) - 1;
+    double W = 0, sum[MAX_EDGES + 3];
+    for (s = -1; s < segments - 1; s++) sum[s + 1] = W += weighted_w(tuning, x, s, s + k_d);
+    double u = rng_double(rng) * W;
+    for (s = -1; s < segments - 2 && u >= sum[s + 1]; s++) { }
+    return s;
+}
+
+bool bidir_applies(const Space *space, const Path *x) { (void)space; (void)x; return true; }
+
+Outcome bidir_propose(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
+{
+    int k_d = draw_k_d(x->k, rng), s = draw_s(tuning, x, k_d, rng), t = s + k_d;
+    int k_a = draw_k_a(x->k, k_d, space->max_depth, rng), m = k_a - 1, t_new = s + k_a;
+    *move = (Move){ .s = s, .t = t, .k_d = k_d, .k_a = k_a };
+    int ways_x = bidir_ways(x, s, t, k_d - 1);
+    if (s == x->k || ways_x == 0) return ZERO_NO_WAY;            /* cannot be regrown: there would be no way back */
+
+    /* y = x_0 .. x_s  z_1 .. z_m  x_t .. x_k */
+    y->k = x->k - k_d + k_a;
+    y->light_pdf_a = x->light_pdf_a;
+    y->raster_x = x->raster_x;
+    y->raster_y = x->raster_y;
+    y->pixel = x->pixel;
+    for (int i = 0; i <= s; i++) y->v[i] = x->v[i];
+    for (int i = t; i <= x->k; i++) y->v[i - t + t_new] = x->v[i];
+    int ways = bidir_ways(y, s, t_new, m);
+    if (ways == 0) return ZERO_NO_WAY;
+    bool first = s < 1 || !material_is_specular(x->v[s].point.surface.material);
+    int j = (int)rng_index(rng, (uint32_t)ways) + !first, joined = s + j;
+    move->j = j;
+    for (int i = s; i < joined; i++)
+        if (!path_grow_to_lens(space, y, i, rng)) return ZERO_LOST;
+    for (int i = t_new; i > joined + 1; i--)
+        if (!path_grow_to_light(space, y, i, rng)) return ZERO_LOST;
+    if (joined >= 0 && !path_edge(y, joined)) return ZERO_SIDE;
+    for (int i = s < 0 ? 0 : s; i <= t_new && i <= y->k; i++)
+        if (!path_scatter(space, y, i)) return i == y->k ? ZERO_FILM : ZERO_SIDE;
+    path_finish(space, y);
+    if (!(y->chi > 0)) return ZERO_CLASS;
+
+    move->p_d1_x = bidir_p_d1(x->k, k_d);
+    move->p_d2_x = bidir_p_d2(tuning, x, s, t);
+    move->p_a1_x = bidir_p_a1(x->k, k_d, k_a, space->max_depth);
+    move->p_a2_x = 1.0 / ways;
+    move->routes_y = path_routes(y, s, t_new);
+    move->p_d1_y = bidir_p_d1(y->k, k_a);
+    move->p_d2_y = bidir_p_d2(tuning, y, s, t_new);
+    move->p_a1_y = bidir_p_a1(y->k, k_a, k_d, space->max_depth);
+    move->p_a2_y = 1.0 / ways_x;
+    move->routes_x = path_routes(x, s, t);
+    move->R_yx = y->chi / (move->p_d1_x * move->p_d2_x * move->p_a1_x * move->p_a2_x * move->routes_y);
+    move->R_xy = x->chi / (move->p_d1_y * move->p_d2_y * move->p_a1_y * move->p_a2_y * move->routes_x);
+    move->joined = joined;
+    return PROPOSED;
+}

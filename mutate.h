@@ -1,0 +1,79 @@
+/* Mutations: one row of a table each. The chain (mlt.c) walks the table and knows no mutation by name; tests pass faulty rows.
+ *
+ * A row proposes y from x and says R(y|x) and R(x|y), R = f/T up to what both share [lecture: AcceptProb]. Each row is in detailed balance
+ * by itself, so any choice among rows that apply is right as long as the choice's own probabilities enter the ratio (mlt.c does that).
+ * Knows no chain, no image. */
+#ifndef MUTATE_H
+#define MUTATE_H
+#include "path.h"
+
+/* Constants that are fixed before a chain runs. */
+typedef struct {
+    double p_d2_importance;    /* share of the lecture's p_d2 in the choice of the segment to delete; the rest is uniform */
+    double light_scale;        /* factor on w[-1,t], which carries L_e or p_A where the others carry F G F */
+    double r1, r2;             /* pixels: steps on the film lie in [r1, r2] */
+    double theta1, theta2;     /* radians: turned directions, in [theta1, theta2] */
+} Tuning;
+
+/* Why nothing was proposed, or that something was. Visibility comes last and is the chain's to test: BLOCKED is its word. */
+typedef enum {
+    PROPOSED,
+    ZERO_NO_WAY,               /* no way to add these vertices, or none back */
+    ZERO_LOST,                 /* a ray met nothing, or a sample fell below its surface */
+    ZERO_SIDE,                 /* nothing is scattered or emitted that way, or a specular vertex is where none may be */
+    ZERO_FILM,                 /* off the film */
+    ZERO_CLASS,                /* not in the space: too long, direct light, black */
+    ZERO_BLOCKED,              /* the joined edge is not visible */
+    OUTCOMES
+} Outcome;
+extern const char *const outcome_name[OUTCOMES];
+
+/* What a row did. The first three are all that the chain reads; the others are for 'explain' and tests. */
+typedef struct {
+    double R_yx, R_xy;         /* R(y|x), R(x|y) */
+    int joined;                /* y's edge from v[joined] whose visibility is still open; -1 if there is none */
+    /* bidirectional: x_s .. x_t were cut apart, k_d edges deleted, k_a added, j vertices grown from x_s */
+    int s, t, k_d, k_a, j;
+    double p_d1_x, p_d2_x, p_a1_x, p_a2_x, routes_y;   /* forward: T(y|x)/f(y) = p_d1 p_d2 p_a1 p_a2 routes / chi */
+    double p_d1_y, p_d2_y, p_a1_y, p_a2_y, routes_x;   /* and back */
+    /* the other rows: x_first .. x_last were moved */
+    int first, last;
+} Move;
+
+typedef struct {
+    const char *name;
+    double share;              /* how often the row is chosen, against the others that apply */
+    bool needs_specular;       /* only of use in a scene with specular surfaces */
+    /* Whether the row can start from x. Needs only the roles and modes along the path. */
+    bool (*applies)(const Space *space, const Path *x);
+    /* Proposes. y need not be complete unless PROPOSED comes back. */
+    Outcome (*propose)(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move);
+} Mutation;
+
+enum { MUTATIONS = 5 };
+extern const Mutation mutation_table[MUTATIONS];   /* bidir, lens, caustic, chain, subpath */
+
+/* The parts of the bidirectional mutation's T, also for tests and 'explain'. */
+double bidir_p_d1(int k, int k_d);                          /* 1 <= k_d <= k+2 */
+double bidir_p_a1(int k, int k_d, int k_a, int max_depth);  /* 0 where k_a cannot be */
+/* Number of possible j when m vertices go between z_s and z_t of a path of z->k edges in which they stand (the new one). */
+int bidir_ways(const Path *z, int s, int t, int m);
+/* w[s,t]: sum over the ways j to regrow the segment of p_a2[j] / Q_j. */
+double bidir_w(const Path *z, int s, int t);
+/* p_d2[s,t] */
+double bidir_p_d2(const Tuning *tuning, const Path *z, int s, int t);
+
+/* The vertices that a perturbation from the lens moves: x_m .. x_{k-1}. -1 if the suffix is not (L|D) D (S+ D)* S* E, or L (S+ D)+ S* E with
+ * m = 0; *turned receives the number of (S+ D). */
+int lens_suffix(const Path *x, int *turned);
+/* The vertex whose direction a caustic perturbation turns: suffix (L|D) S* D E with x_m = (L|D); -1 if it is another. */
+int caustic_suffix(const Path *x);
+/* R(y|x) of a perturbation that moved x_m .. x_{k-1} and copied the specular modes: chi(y) * product of S< over specular vertices, of
+ * F |cos| over turned ones, * C_{m-1}. */
+double lens_R(const Path *y, int m);
+/* R(y|x) of a caustic perturbation: chi(y) * F_m |cos_m| * product of S> * C_{k-1}. */
+double caustic_R(const Path *y, int m);
+
+bool bidir_applies(const Space *space, const Path *x);
+Outcome bidir_propose(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move);
+#endif

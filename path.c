@@ -1,0 +1,104 @@
+/* Path space: growth by one vertex, and the cached quantities of a path. See path.h for the symbols. */
+#include "path.h"
+#include <string.h>
+
+void path_copy(Path *to, const Path *from)
+{
+    memcpy(to, from, offsetof(Path, v) + ((size_t)from->k + 1) * sizeof from->v[0]);
+}
+
+bool path_edge(Path *p, int i)
+{
+    Vertex *a = &p->v[i], *b = &p->v[i + 1];
+    Vec3 d = sub(b->point.p, a->point.p);
+    double squared = dot(d, d), inv = 1 / sqrt(squared);
+    a->to_lens = scale(inv, d);
+    a->inv_G = squared / fabs(dot(a->to_lens, a->point.surface.ng) * dot(a->to_lens, b->point.surface.ng));
+    return a->inv_G > 0 && a->inv_G < INFINITY;    /* false for NaN: coincident points */
+}
+
+bool path_grow_to_lens(const Space *space, Path *p, int i, Rng *rng)
+{
+    Vertex *next = &p->v[i + 1];
+    next->mode = MODE_NONE;        /* until a direction is sampled from it */
+    if (i < 0) {
+        scene_sample_light(space->scene, rng, &next->point);
+        return true;
+    }
+    Vertex *v = &p->v[i];
+    Vec3 w;
+    if (i == 0) {
+        v->mode = MODE_NONE;
+        w = sample_cosine(v->point.surface.ng, rng);
+    } else if (!bsdf_sample(&v->point.surface, neg(v[-1].to_lens), rng, &w, &v->mode)) return false;
+    return scene_trace(space->scene, &v->point, w, &next->point) && path_edge(p, i);
+}
+
+bool path_look(const Space *space, Path *p, double x, double y)
+{
+    p->v[p->k - 1].mode = MODE_NONE;
+    Vec3 w = camera_direction(&space->scene->camera, &p->v[p->k].point, x, y);
+    return scene_trace(space->scene, &p->v[p->k].point, w, &p->v[p->k - 1].point) && path_edge(p, p->k - 1);
+}
+
+bool path_grow_to_light(const Space *space, Path *p, int i, Rng *rng)
+{
+    const Camera *camera = &space->scene->camera;
+    Vertex *next = &p->v[i - 1];
+    if (i == p->k) return path_look(space, p, rng_double(rng) * camera->width, rng_double(rng) * camera->height);
+    next->mode = MODE_NONE;
+    if (i == p->k + 1) {
+        camera_sample_lens(camera, rng, &next->point);
+        return true;
+    }
+    Vertex *v = &p->v[i];
+    Vec3 w;
+    return bsdf_sample(&v->point.surface, v->to_lens, rng, &w, &v->mode)
+        && scene_trace(space->scene, &v->point, w, &next->point) && path_edge(p, i - 1);
+}
+
+bool path_scatter(const Space *space, Path *p, int i)
+{
+    Vertex *v = &p->v[i];
+    if (i > 0 && i < p->k) return bsdf_scatter(&v->point.surface, neg(v[-1].to_lens), v->to_lens, v->mode, &v->s);
+    v->mode = MODE_NONE;
+    if (i == 0) {
+        const Material *m = v->point.surface.material;
+        double emitted = max3(m->ke);
+        if (!(emitted > 0) || dot(v->to_lens, v->point.surface.ng) <= 0) return false;
+        p->light_pdf_a = scene_light_pdf_a(space->scene, m);
+        v->s = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1 };   /* emission is sampled with 1/pi */
+        return true;
+    }
+    double we;
+    const Camera *camera = &space->scene->camera;
+    if (!camera_project(camera, &v->point, neg(v[-1].to_lens), &p->raster_x, &p->raster_y, &we)) return false;
+    p->pixel = (uint32_t)p->raster_y * camera->width + (uint32_t)p->raster_x;
+    v->s = (Scatter){ vec3(1, 1, 1), 1 / we, 0, 1, 1 };
+    return true;
+}
+
+bool path_is_direct(const Path *p)
+{
+    for (int i = 2; i < p->k; i++)
+        if (p->v[i].mode == MODE_NONE) return false;
+    return true;
+}
+
+void path_finish(const Space *space, Path *p)
+{
+    p->colour = p->v[0].s.colour;
+    for (int i = 1; i < p->k; i++) p->colour = mul(p->colour, p->v[i].s.colour);
+    p->chi = luminance(p->colour) * (space->weight ? (double)space->weight[p->pixel] : 1);
+    if (p->k > space->max_depth || (space->direct != DIRECT_INCLUDED && path_is_direct(p) != (space->direct == DIRECT_ONLY))) p->chi = 0;
+}
+
+bool path_evaluate(const Space *space, Path *p)
+{
+    for (int i = 0; i < p->k; i++)
+        if (!path_edge(p, i)) return false;
+    for (int i = 0; i <= p->k; i++)
+        if (!path_scatter(space, p, i)) return false;
+    path_finish(space, p);
+    return true;
+}

@@ -1,0 +1,108 @@
+/* Path space: paths from a light to the lens, the integrand f, and the two ratios C and S of which every probability ratio is made.
+ *
+ *   x = x_0 x_1 .. x_k     x_0 on a light, x_k on the lens, k >= 1 edges                           [lecture: Review; What to integrate]
+ *   F_i                    scalar scattering at x_i: L_e at x_0, the largest channel of f_s inside, W_e at x_k
+ *   G_i                    G(x_i, x_{i+1}), visibility apart
+ *   C_i = F_i G_i F_{i+1}  cost of joining x_i and x_{i+1}                                         [lecture: Precomputation]
+ *   S>_i = F_i / p>_i      at a vertex from which the next one towards the lens was sampled, p per projected solid angle
+ *   S<_i = F_i / p<_i      the same towards the light
+ *   chi                    w(pixel) luminance(product of f_s^rgb / F_i): f* = chi * product of F and G is the sampler's target
+ *
+ * The code holds 1/C and 1/S: a way of sampling that does not exist is then simply 0. Ends: S>_{-1} = 1/p_A(x_0), C_{-1} = L_e (an eye
+ * subpath that meets the light by itself), S<_k = S<_{k+1} = 1 (raster position uniform over the film; point uniform over the lens).
+ * Roles, not materials: x_0 emits and x_k measures, even where x_0 lies on a mirror.
+ * Knows no mutations and no chain. */
+#ifndef PATH_H
+#define PATH_H
+#include "scene.h"
+
+enum { MAX_EDGES = 255 };          /* the longest path that --max-depth can ask for */
+
+typedef struct {
+    Point point;
+    Mode mode;                     /* of a specular vertex between the ends; else MODE_NONE */
+    Scatter s;                     /* cached by path_scatter */
+    Vec3 to_lens;                  /* unit, to the next vertex; cached by path_edge, like inv_G */
+    double inv_G;
+} Vertex;
+
+typedef struct {
+    int k;                         /* edges */
+    double raster_x, raster_y;     /* where the last edge meets the film, pixels */
+    uint32_t pixel;                /* row-major index of that pixel */
+    double light_pdf_a;            /* p_A(x_0), per area */
+    Rgb colour;                    /* product of f_s^rgb / F, light and lens included */
+    double chi;
+    Vertex v[MAX_EDGES + 1];
+} Path;
+
+/* Which paths count. Direct are exactly L D? S* E: every vertex between x_1 and the lens is specular. */
+typedef enum { DIRECT_INCLUDED, DIRECT_EXCLUDED, DIRECT_ONLY } DirectClass;
+
+/* The space that is integrated over, and the image-plane weight of the sampler's target. */
+typedef struct {
+    const Scene *scene;
+    int max_depth;                 /* longest path in edges */
+    DirectClass direct;
+    const float *weight;           /* w per pixel, NULL for 1 */
+} Space;
+
+/* Copies k, ends' caches and the k+1 vertices that the path has. */
+void path_copy(Path *to, const Path *from);
+
+/* Extends the path by one vertex that is sampled from what is there; the new vertex's point and mode-giving neighbour are set, and the
+ * edge between. Towards the lens: v[i+1] from v[i], v[i-1] (i = -1: a light point; i = 0: emission). Towards the light: v[i-1] from v[i],
+ * v[i+1] (i = k+1: a lens point; i = k: a raster position). The caller keeps path->k right for the latter.
+ * False if the ray is lost, or the sample fell below the surface. */
+bool path_grow_to_lens(const Space *space, Path *path, int i, Rng *rng);
+bool path_grow_to_light(const Space *space, Path *path, int i, Rng *rng);
+
+/* Sets v[k-1] to what the lens point v[k] sees at a raster position (pixels). False if nothing is there. */
+bool path_look(const Space *space, Path *path, double x, double y);
+
+/* Computes to_lens and inv_G of the edge from v[i] to v[i+1]. False if G is 0 or not finite. */
+bool path_edge(Path *path, int i);
+
+/* Computes the caches of v[i] in its role (x_0: light; x_k: lens and raster position; else scattering) from the edges on both sides of it.
+ * False if nothing passes. */
+bool path_scatter(const Space *space, Path *path, int i);
+
+/* Computes colour and chi; chi = 0 where the path is not in the space (too long, or of the excluded class). */
+void path_finish(const Space *space, Path *path);
+
+/* All caches from the points and modes alone: what path_edge, path_scatter and path_finish hold. Visibility is not tested. */
+bool path_evaluate(const Space *space, Path *path);
+
+bool path_is_direct(const Path *path);
+
+/* v[i] scatters at a specular surface (never true at the ends). */
+static inline bool path_specular(const Path *p, int i)
+{
+    return i > 0 && i < p->k && p->v[i].mode != MODE_NONE;
+}
+
+/* 1/C_i for -1 <= i <= k; 0 where that join does not exist (specular ends; beyond the lens). */
+static inline double path_inv_C(const Path *p, int i)
+{
+    if (i < 0) return p->v[0].s.inv_F;
+    return i < p->k ? p->v[i].s.inv_F * p->v[i].inv_G * p->v[i + 1].s.inv_F : 0;
+}
+/* 1/S>_i for -1 <= i < k */
+static inline double path_inv_S_lens(const Path *p, int i) { return i < 0 ? p->light_pdf_a : p->v[i].s.inv_S_lens; }
+/* 1/S<_i for 0 < i <= k+1 */
+static inline double path_inv_S_light(const Path *p, int i) { return i <= p->k ? p->v[i].s.inv_S_light : 1; }
+
+/* Sum over the ways j of 1/Q_j: all routes by which the vertices between v[s] and v[t] can be regrown, some from v[s], the others from v[t],
+ * joined at one edge. Q_j = f / density of way j, in which every G but the joined edge's cancels.   [lecture: T must take all routes into account]
+ *   1/Q_j = prod_{i=s}^{e-1} 1/S>_i * 1/C_e * prod_{i=e+2}^{t} 1/S<_i,   e = s + j the joined edge
+ * -1 <= s < t <= k+1. With s = -1, t = k+1 it is sum of p / f over all bidirectional techniques. */
+static inline double path_routes(const Path *p, int s, int t)
+{
+    double sum = path_inv_C(p, s), grown = 1;
+    for (int e = s + 1; e < t; e++) {          /* one vertex more: the old joins gain S< at its far end, and there is one join more */
+        grown *= path_inv_S_lens(p, e - 1);
+        sum = sum * path_inv_S_light(p, e + 1) + grown * path_inv_C(p, e);
+    }
+    return sum;
+}
+#endif

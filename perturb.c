@@ -1,0 +1,186 @@
+/* The other mutations: lens, caustic and multi-chain perturbation, and the lens subpath mutation. [lecture: 'two other mutation strategies';
+ * Veach ch. 11.4]
+ *
+ * Read from the light: L light, D non-specular, S specular, E lens. Two walks do all of it:
+ *   towards the light   from a raster position through S (modes copied), at each D that is not the last turned by a small angle, to x_m
+ *   towards the lens    from x_m along a turned direction through S (modes copied) to y_{k-1}, joined to the lens
+ * In R = f/T the density of each step is the same from x and from y but for what R keeps: at a copied specular vertex S holds F and not
+ * F/F, since the mode was not drawn (q = 1); a turned direction has a density per solid angle that depends on the angle alone, so F |cos| stays;
+ * a step on the film is symmetric in raster coordinates, where S<_k = 1.
+ */
+#include "mutate.h"
+#include <string.h>
+
+static bool diffuse(const Path *x, int i) { return x->v[i].mode == MODE_NONE; }
+
+/* Steps of all scales: density 1/(r ln(b/a)) on [a,b]. Symmetric, so it cancels in T(y|x)/T(x|y). */
+static double draw_step(double a, double b, Rng *rng) { return b * pow(a / b, rng_double(rng)); }
+
+static Vec3 turn(Vec3 w, const Tuning *tuning, Rng *rng)
+{
+    double theta = draw_step(tuning->theta1, tuning->theta2, rng), phi = 2 * PI * rng_double(rng), r = sin(theta);
+    Vec3 a, b;
+    frame(w, &a, &b);
+    return normalize(along(along(scale(cos(theta), w), r * cos(phi), a), r * sin(phi), b));
+}
+
+int lens_suffix(const Path *x, int *turned)
+{
+    int i = x->k - 1;
+    while (i > 0 && !diffuse(x, i)) i--;
+    for (*turned = 0; i > 0 && !diffuse(x, i - 1); ++*turned)    /* D whose neighbour towards the light is S: on to the next D, or the light */
+        for (i--; i > 0 && !diffuse(x, i); i--) { }
+    return i > 0 || *turned > 0 ? i : -1;
+}
+
+int caustic_suffix(const Path *x)
+{
+    int i = x->k - 1;
+    if (i < 1 || !diffuse(x, i)) return -1;
+    for (i--; i > 0 && !diffuse(x, i); i--) { }
+    return i;
+}
+
+double lens_R(const Path *y, int m)
+{
+    double inverse = path_inv_C(y, m - 1);
+    for (int i = m + 1; i < y->k; i++) {
+        const Vertex *v = &y->v[i];
+        if (diffuse(y, i)) inverse *= v->s.inv_F / fabs(dot(v[-1].to_lens, v->point.surface.ng));
+        else inverse *= v->s.inv_S_light / v->s.q;
+    }
+    return y->chi / inverse;
+}
+
+double caustic_R(const Path *y, int m)
+{
+    double inverse = path_inv_C(y, y->k - 1) * y->v[m].s.inv_F / fabs(dot(y->v[m].to_lens, y->v[m].point.surface.ng));
+    for (int i = m + 1; i < y->k - 1; i++) inverse *= y->v[i].s.inv_S_lens / y->v[i].s.q;
+    return y->chi / inverse;
+}
+
+/* What follows when all points stand: evaluates y_from .. y_to; the edge to v[joined + 1] is still open. */
+static Outcome evaluate(const Space *space, Path *y, int from, int to, int joined)
+{
+    if (joined >= 0 && !path_edge(y, joined)) return ZERO_SIDE;
+    for (int i = to; i >= from; i--)
+        if (!path_scatter(space, y, i)) return i == y->k ? ZERO_FILM : ZERO_SIDE;
+    path_finish(space, y);
+    return y->chi > 0 ? PROPOSED : ZERO_CLASS;
+}
+
+static void keep_ends(const Path *x, Path *y, int last_kept)
+{
+    y->k = x->k;
+    y->light_pdf_a = x->light_pdf_a;
+    memcpy(y->v, x->v, (size_t)(last_kept + 1) * sizeof y->v[0]);
+    y->v[x->k] = x->v[x->k];
+}
+
+/* Moves x_m .. x_{k-1}, starting on the film. */
+static Outcome walk_to_light(const Space *space, const Tuning *tuning, const Path *x, Path *y, int m, Rng *rng, Move *move)
+{
+    const Camera *camera = &space->scene->camera;
+    double r = draw_step(tuning->r1, tuning->r2, rng), phi = 2 * PI * rng_double(rng);
+    double raster_x = x->raster_x + r * cos(phi), raster_y = x->raster_y + r * sin(phi);
+    if (!(raster_x >= 0 && raster_x < camera->width && raster_y >= 0 && raster_y < camera->height)) return ZERO_FILM;
+    keep_ends(x, y, m - 1);
+    if (!path_look(space, y, raster_x, raster_y)) return ZERO_LOST;
+    for (int i = y->k - 1; i > m; i--) {
+        Vertex *v = &y->v[i];
+        Vec3 w;
+        v->mode = x->v[i].mode;
+        if (diffuse(x, i)) {
+            if (material_is_specular(v->point.surface.material)) return ZERO_SIDE;
+            w = turn(neg(x->v[i - 1].to_lens), tuning, rng);
+        } else if (!bsdf_follow(&v->point.surface, v->to_lens, v->mode, &w)) return ZERO_SIDE;
+        v[-1].mode = MODE_NONE;
+        if (!scene_trace(space->scene, &v->point, w, &v[-1].point) || !path_edge(y, i - 1)) return ZERO_LOST;
+    }
+    Outcome outcome = evaluate(space, y, m > 0 ? m - 1 : 0, y->k, m - 1);
+    if (outcome != PROPOSED) return outcome;
+    *move = (Move){ .R_yx = lens_R(y, m), .R_xy = lens_R(x, m), .joined = m - 1, .first = m, .last = x->k - 1 };
+    return PROPOSED;
+}
+
+static bool lens_applies(const Space *space, const Path *x)
+{
+    (void)space;
+    int turned, m = lens_suffix(x, &turned);
+    return m > 0 && turned == 0;
+}
+
+static Outcome lens_propose(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
+{
+    int turned;
+    return walk_to_light(space, tuning, x, y, lens_suffix(x, &turned), rng, move);
+}
+
+static bool chain_applies(const Space *space, const Path *x)
+{
+    (void)space;
+    int turned;
+    return lens_suffix(x, &turned) >= 0 && turned > 0;
+}
+
+static bool caustic_applies(const Space *space, const Path *x)
+{
+    (void)space;
+    return caustic_suffix(x) >= 0;
+}
+
+static Outcome caustic_propose(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
+{
+    int m = caustic_suffix(x), k = x->k;
+    keep_ends(x, y, m);
+    Vec3 w = turn(x->v[m].to_lens, tuning, rng);
+    for (int i = m; i < k - 1; i++) {
+        Vertex *v = &y->v[i];
+        v->mode = x->v[i].mode;
+        if (i > m && !bsdf_follow(&v->point.surface, neg(v[-1].to_lens), v->mode, &w)) return ZERO_SIDE;
+        v[1].mode = MODE_NONE;
+        if (!scene_trace(space->scene, &v->point, w, &v[1].point) || !path_edge(y, i)) return ZERO_LOST;
+    }
+    Outcome outcome = evaluate(space, y, m, k, k - 1);
+    if (outcome != PROPOSED) return outcome;
+    *move = (Move){ .R_yx = caustic_R(y, m), .R_xy = caustic_R(x, m), .joined = k - 1, .first = m + 1, .last = k - 1 };
+    return PROPOSED;
+}
+
+/* R(y|x) of the lens subpath mutation: modes are drawn, so S< is that of a drawn mode, whatever made the path. */
+static double subpath_R(const Path *y, int m)
+{
+    double inverse = path_inv_C(y, m - 1);
+    for (int i = m + 1; i < y->k; i++) inverse *= y->v[i].s.inv_S_light;
+    return y->chi / inverse;
+}
+
+/* A fresh raster position and lens point, independent of the chain's past; the number of specular vertices is free. */
+static Outcome subpath_propose(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
+{
+    (void)tuning;
+    int turned, m = lens_suffix(x, &turned);
+    keep_ends(x, y, m - 1);
+    y->k = space->max_depth;                   /* grown at the far end of the array, moved up when the length is known */
+    path_grow_to_light(space, y, y->k + 1, rng);
+    int i = y->k;
+    do {
+        if (i == m) return ZERO_CLASS;         /* longer than --max-depth allows */
+        if (!path_grow_to_light(space, y, i, rng)) return ZERO_LOST;
+        i--;
+    } while (material_is_specular(y->v[i].point.surface.material));
+    y->k -= i - m;
+    memmove(y->v + m, y->v + i, (size_t)(y->k - m + 1) * sizeof y->v[0]);
+    Outcome outcome = evaluate(space, y, m - 1, y->k, m - 1);
+    if (outcome != PROPOSED) return outcome;
+    *move = (Move){ .R_yx = subpath_R(y, m), .R_xy = subpath_R(x, m), .joined = m - 1, .first = m, .last = x->k - 1 };
+    return PROPOSED;
+}
+
+const Mutation mutation_table[MUTATIONS] = {
+    { "bidir", 1, false, bidir_applies, bidir_propose },
+    { "lens", 1, false, lens_applies, lens_propose },
+    { "caustic", 1, true, caustic_applies, caustic_propose },
+    { "chain", 1, true, chain_applies, lens_propose },
+    { "subpath", 0.5, false, lens_applies, subpath_propose },
+};

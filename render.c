@@ -1,0 +1,383 @@
+/* Rounds and passes. See render.h.
+ *
+ * A Metropolis run is a row of independent rounds. Each has its own bootstrap, its own b, its own chains, and leaves an unbiased picture; the
+ * result is their average, weighted by mutations. So b grows sharper as the run goes on, the spread between rounds tells the error (a
+ * shared b would hide its own), and a round may use what earlier ones have learned: the two-stage weight w ~ 1/picture, and the share of direct
+ * light. Every round and every chain has its own random stream, so the state of a run is a few pictures and counters.
+ */
+#include "render.h"
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+enum {
+    ROUNDS = 16,                   /* after a pilot of a fiftieth of the work */
+    STREAM_BITS = 40               /* of a random stream's number, below the round's */
+};
+
+/* Independent samples, row by row: sum and sum of squares of the samples of each pixel, and what light subpaths bring to any pixel. */
+typedef struct {
+    double *sum, *square, *light, *light_square;   /* [pixels][3]; light only for bdpt */
+    uint64_t rows;                 /* sampled so far; the pass is rows / height */
+    uint64_t rays;
+} Passes;
+
+struct Render {
+    const Scene *scene;
+    const Settings *settings;
+    size_t pixels;
+    Space chain_space, direct_space;
+    bool has_chain, has_direct;
+    Sampler sampler;
+    Bdpt *bdpt;
+    Path *x, *y;
+    Passes passes;
+    /* chains: this round's splats, and over finished rounds the sum of steps * picture and of steps * picture^2 */
+    double *film, *sum, *square;   /* [pixels][3] */
+    float *weight;                 /* two-stage w */
+    double steps_sum, steps_square;/* over finished rounds: of steps, and of steps^2 */
+    double b_sum, b_variance_sum;  /* over rounds: of steps * b, and of steps^2 * variance of b */
+    double round_steps, round_b, round_b_variance;
+    int round;
+    double direct_share;           /* rays of direct light per ray of the chains */
+    double relative_error;
+    RenderStats stats;
+    bool (*keep_going)(void *, const Render *);
+    void *context;
+    bool stopped;
+};
+
+double clock_now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+Render *render_new(const Scene *scene, const Settings *settings)
+{
+    Render *r = calloc(1, sizeof *r);
+    if (!r) return NULL;
+    r->scene = scene;
+    r->settings = settings;
+    r->pixels = (size_t)scene->camera.width * scene->camera.height;
+    DirectClass all = settings->direct == LIGHT_ONLY ? DIRECT_ONLY : settings->direct == LIGHT_NONE ? DIRECT_EXCLUDED : DIRECT_INCLUDED;
+    r->chain_space = r->direct_space = (Space){ scene, settings->max_depth, all, NULL };
+    if (settings->integrator == INTEGRATOR_MLT) {
+        r->has_chain = settings->direct != LIGHT_ONLY;
+        r->has_direct = settings->direct == LIGHT_ONLY || settings->direct == LIGHT_APART;
+        r->direct_space.direct = DIRECT_ONLY;
+        if (settings->direct == LIGHT_APART) r->chain_space.direct = DIRECT_EXCLUDED;
+    } else r->has_direct = true;
+    size_t doubles = 3 * r->pixels;
+    bool ok = (r->bdpt = bdpt_new()) && (r->x = malloc(sizeof *r->x)) && (r->y = malloc(sizeof *r->y));
+    if (r->has_direct) ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8));
+    if (settings->integrator == INTEGRATOR_BDPT) ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
+    if (r->has_chain)
+        ok = ok && (r->film = calloc(doubles, 8)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8)) && (r->weight = malloc(r->pixels * sizeof *r->weight));
+    if (!ok) { render_free(r); return NULL; }
+    r->sampler = sampler_for(scene, settings->strategies);
+    r->direct_share = 0.2;
+    r->relative_error = NAN;
+    return r;
+}
+
+void render_free(Render *r)
+{
+    if (!r) return;
+    bdpt_free(r->bdpt);
+    void *owned[] = { r->x, r->y, r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square, r->film, r->sum, r->square, r->weight, r };
+    for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
+}
+
+static bool going(Render *r)
+{
+    if (!r->stopped && !r->keep_going(r->context, r)) r->stopped = true;
+    return !r->stopped;
+}
+
+static bool in_time(const Render *r, double deadline) { return r->settings->seconds == 0 || clock_now() < deadline; }
+
+/* ---- independent samples ---- */
+
+typedef struct { Render *r; Rgb own; } Splat;
+
+static void splat_candidate(void *context, const Candidate *c)
+{
+    Splat *s = context;
+    if (!finite3(c->rgb)) { s->r->stats.bad_samples++; return; }
+    if (c->n_lens > 1) { s->own = add(s->own, c->rgb); return; }
+    double *light = s->r->passes.light + 3 * (size_t)c->pixel, *square = s->r->passes.light_square + 3 * (size_t)c->pixel;
+    const double v[3] = { c->rgb.x, c->rgb.y, c->rgb.z };
+    for (int i = 0; i < 3; i++) { light[i] += v[i]; square[i] += v[i] * v[i]; }
+}
+
+/* One more sample in each pixel of the next row. Positions in a pixel fill it evenly over the passes, from an offset of its own. */
+static void sample_row(Render *r)
+{
+    Passes *p = &r->passes;
+    uint32_t width = r->scene->camera.width, height = r->scene->camera.height, row = (uint32_t)(p->rows % height);
+    uint64_t pass = p->rows / height, rays = *r->scene->rays;
+    Rng rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) + p->rows);
+    for (uint32_t column = 0; column < width; column++) {
+        size_t pixel = (size_t)row * width + column;
+        Rng offset = rng_new(r->settings->seed, ((uint64_t)1 << 62) + pixel);
+        double x = column + even(rng_double(&offset), pass, 0), y = row + even(rng_double(&offset), pass, 1);
+        Splat s = { r, { 0, 0, 0 } };
+        if (r->settings->integrator == INTEGRATOR_BDPT) bdpt_sample(r->bdpt, &r->direct_space, x, y, &rng, splat_candidate, &s);
+        else s.own = path_trace(&r->direct_space, x, y, &rng);
+        if (!finite3(s.own)) { r->stats.bad_samples++; continue; }
+        const double v[3] = { s.own.x, s.own.y, s.own.z };
+        for (size_t i = 0; i < 3; i++) { p->sum[3 * pixel + i] += v[i]; p->square[3 * pixel + i] += v[i] * v[i]; }
+    }
+    p->rows++;
+    p->rays += *r->scene->rays - rays;
+}
+
+/* ---- the picture and its error ---- */
+
+/* Value i (channel i % 3) of the picture, and the variance of that value: from independent samples and from chains; the variance of the
+ * chains' part is known once two rounds are done. */
+typedef struct { double value, sampled_variance, chain_variance; } Estimate;
+
+static Estimate estimate(const Render *r, size_t i)
+{
+    Estimate e = { 0, 0, 0 };
+    const Passes *p = &r->passes;
+    if (r->has_direct) {
+        uint32_t width = r->scene->camera.width, height = r->scene->camera.height;
+        double n = (double)(p->rows / height) + (i / 3 / width < p->rows % height);
+        if (n > 0) e.value = p->sum[i] / n;
+        if (n > 1) e.sampled_variance = fmax(0, p->square[i] / n - e.value * e.value) / (n - 1);
+        if (p->light && p->rows > 0) {
+            double scale = (double)height / (double)p->rows;
+            e.value += scale * p->light[i];
+            e.sampled_variance += scale * scale * p->light_square[i];
+        }
+    }
+    double steps = r->steps_sum + r->round_steps;
+    if (r->has_chain && steps > 0) {
+        double current = r->film ? r->round_b * (double)r->pixels * r->film[i] : 0;
+        e.value += (r->sum[i] + current) / steps;
+        double share = r->steps_sum > 0 ? r->steps_square / (r->steps_sum * r->steps_sum) : 1;
+        if (share < 1) {
+            double mean = r->sum[i] / r->steps_sum;
+            e.chain_variance = fmax(0, r->square[i] / r->steps_sum - mean * mean) * share / (1 - share) * (r->steps_sum / steps);
+        }
+    }
+    return e;
+}
+
+/* Mean of the picture over the 5x5 pixels around, all channels: what error is relative to, and the two-stage weight, want it less noisy. */
+static double around(const Render *r, const float *picture, size_t pixel)
+{
+    int width = (int)r->scene->camera.width, height = (int)r->scene->camera.height, x = (int)(pixel % (size_t)width), y = (int)(pixel / (size_t)width), n = 0;
+    double sum = 0;
+    for (int v = y > 2 ? y - 2 : 0; v <= y + 2 && v < height; v++)
+        for (int u = x > 2 ? x - 2 : 0; u <= x + 2 && u < width; u++, n += 3) {
+            const float *c = picture + 3 * ((size_t)v * (size_t)width + (size_t)u);
+            sum += (double)c[0] + (double)c[1] + (double)c[2];
+        }
+    return sum / n;
+}
+
+/* After a round: the estimated relMSE, the share of rays that direct light should have, and the two-stage weight. */
+static void learn(Render *r)
+{
+    Image *picture = image_new(r->scene->camera.width, r->scene->camera.height);
+    if (!picture) return;                          /* goes on with what it knew */
+    render_image(r, picture);
+    double mean = 0, sampled = 0, chain = 0;
+    for (size_t i = 0; i < 3 * r->pixels; i++) mean += (double)picture->rgb[i];
+    mean /= 3 * (double)r->pixels;
+    if (mean > 0) {
+        for (size_t pixel = 0; pixel < r->pixels; pixel++) {
+            double local = around(r, picture->rgb, pixel);
+            for (size_t i = 3 * pixel; i < 3 * pixel + 3; i++) {
+                Estimate e = estimate(r, i);
+                double relative_to = e.value * e.value * 0.5 + local * local * 0.5 + 0.01 * mean * mean;
+                sampled += e.sampled_variance / relative_to;
+                chain += e.chain_variance / relative_to;
+            }
+            /* pixels in proportion to their relative error: w ~ 1/picture, floored so that none starves */
+            if (r->has_chain) r->weight[pixel] = (float)(mean / (local + 0.05 * mean));
+        }
+        double values = 3 * (double)r->pixels;
+        bool known = !r->has_chain || r->stats.b == 0 || r->round > 1;
+        if (known) r->relative_error = sqrt((sampled + chain) / values);
+        if (known && r->has_chain && r->has_direct && chain > 0 && sampled > 0 && r->stats.chain_rays > 0)
+            /* variance falls as 1/rays in both: the sum is least where rays go as sqrt(variance * rays) */
+            r->direct_share = fmin(fmax(sqrt(sampled * (double)r->passes.rays / (chain * (double)r->stats.chain_rays)), 0.02), 2);
+        if (r->has_chain) r->chain_space.weight = r->weight;
+    } else if (r->has_direct && !r->has_chain) r->relative_error = 0;
+    image_free(picture);
+}
+
+void render_image(const Render *r, Image *image)
+{
+    for (size_t i = 0; i < 3 * r->pixels; i++) image->rgb[i] = (float)estimate(r, i).value;
+}
+
+void render_error_image(const Render *r, Image *image)
+{
+    for (size_t i = 0; i < 3 * r->pixels; i++) {
+        Estimate e = estimate(r, i);
+        image->rgb[i] = (float)sqrt(e.sampled_variance + e.chain_variance);
+    }
+}
+
+/* ---- chains ---- */
+
+static void splat_path(void *context, const Path *path, double weight)
+{
+    Render *r = context;
+    double *film = r->film + 3 * (size_t)path->pixel, scale = weight / path->chi;
+    film[0] += scale * path->colour.x;
+    film[1] += scale * path->colour.y;
+    film[2] += scale * path->colour.z;
+}
+
+/* b^, seeds, chains of about 'length' steps until 'steps' are done or the deadline has passed. */
+static bool run_round(Render *r, uint64_t n_bootstrap, double steps, double length, double deadline)
+{
+    double start = clock_now();
+    uint64_t stream = (uint64_t)(r->round + 1) << STREAM_BITS, rays = *r->scene->rays;
+    Bootstrap boot;
+    if (!bootstrap_run(&boot, &r->chain_space, r->bdpt, n_bootstrap, r->settings->seed, stream)) return false;
+    r->round_b = boot.b;
+    r->round_b_variance = boot.b_variance;
+    r->stats.bad_samples += boot.bad;
+    r->stats.bootstrap_samples += boot.n;
+    r->stats.bootstrap_hits += boot.hits;
+    memset(r->film, 0, 3 * r->pixels * sizeof *r->film);
+    r->stats.seconds_start += clock_now() - start;
+    start = clock_now();
+    Rng picks = rng_new(r->settings->seed, stream - 1);
+    double offset = rng_double(&picks), chains = fmax(1, floor(steps / length + 0.5));
+    for (uint64_t c = 0; (double)c < chains && going(r) && in_time(r, deadline); c++) {
+        /* a chain's share of the steps, so that all together are exactly 'steps' */
+        uint64_t n = (uint64_t)(floor(steps * (double)(c + 1) / chains) - floor(steps * (double)c / chains));
+        if (bootstrap_seed(&boot, &r->chain_space, r->bdpt, even(offset, c, 0), r->x)) {
+            Rng rng = rng_new(r->settings->seed, stream + ((uint64_t)1 << (STREAM_BITS - 1)) + c);
+            chain_run(&r->chain_space, &r->sampler, r->x, r->y, n, &rng, splat_path, r, &r->stats.chain);
+        } else c = (uint64_t)chains, n = (uint64_t)steps;      /* nothing to be found: the round's picture is black */
+        r->round_steps += (double)n;
+    }
+    bootstrap_free(&boot);
+    r->stats.seconds_chain += clock_now() - start;
+    r->stats.chain_rays += *r->scene->rays - rays;
+    return true;
+}
+
+/* Adds the round to the finished ones. */
+static void close_round(Render *r)
+{
+    double n = r->round_steps;
+    if (n > 0) {
+        double scale = r->round_b * (double)r->pixels / n;
+        for (size_t i = 0; i < 3 * r->pixels; i++) {
+            double value = scale * r->film[i];
+            r->sum[i] += n * value;
+            r->square[i] += n * value * value;
+        }
+        r->steps_sum += n;
+        r->steps_square += n * n;
+        r->b_sum += n * r->round_b;
+        r->b_variance_sum += n * n * r->round_b_variance;
+    }
+    r->round_steps = 0;
+    r->round_b = 0;
+    r->round++;
+}
+
+/* How long the chains of a round are: by default so that a chain outlives what its seed has cost, and no round has fewer than 64. */
+static double chain_length(const Render *r, double steps)
+{
+    const Settings *s = r->settings;
+    if (s->chains > 0 && s->per_pixel > 0) return fmax(1, s->per_pixel * (double)r->pixels / (double)s->chains);
+    return fmin(fmax(steps / 1024, 64), 16384);
+}
+
+static bool run_chains(Render *r)
+{
+    const Settings *s = r->settings;
+    double total = s->per_pixel * (double)r->pixels, rate = 1e6, samples_rate = 5e4;   /* guesses, replaced after the pilot */
+    bool limited = total > 0 || s->seconds > 0;
+    for (int i = 0; going(r); i++) {
+        int left = ROUNDS + 1 - i;
+        if (limited && left <= 0) break;
+        double now = clock_now(), end = s->start + s->seconds, share = i == 0 ? 0.02 : 1.0 / left;
+        double steps = limited ? INFINITY : 16 * (double)r->pixels, deadline = INFINITY;
+        if (total > 0) steps = floor((total - r->steps_sum) * share + 0.5);
+        if (s->seconds > 0) {
+            if (now >= end) break;
+            deadline = now + (end - now) * share;
+            steps = fmin(steps, 2 * rate * (deadline - now) + 1);
+        }
+        if (!(steps > 0)) continue;
+        /* one bootstrap sample for so many steps costs a few percent of the time */
+        double n = fmax((double)(s->bootstrap ? s->bootstrap : 100000) / (ROUNDS + 1), s->bootstrap ? 1 : steps / 256);
+        if (s->seconds > 0) n = fmin(n, fmax(0.1 * samples_rate * (deadline - now), s->bootstrap ? 1 : 256));
+        if (s->bootstrap) n = ceil((double)s->bootstrap / (ROUNDS + 1));
+        double chain_end = deadline - (r->has_direct && s->seconds > 0 ? (deadline - now) * r->direct_share / (1 + r->direct_share) : 0);
+        double seconds_start = r->stats.seconds_start, seconds_chain = r->stats.seconds_chain;
+        if (!run_round(r, (uint64_t)fmin(n, 4e7), steps, chain_length(r, steps), chain_end)) return false;
+        rate = fmax(1, r->round_steps / fmax(1e-6, r->stats.seconds_chain - seconds_chain));
+        samples_rate = n / fmax(1e-6, r->stats.seconds_start - seconds_start);
+        close_round(r);
+        double start = clock_now();
+        if (r->has_direct) {
+            uint64_t minimum = (uint64_t)r->scene->camera.height * (i == 0 ? 1 : 0);
+            double rays = r->direct_share * (double)r->stats.chain_rays;
+            while ((r->passes.rows < minimum || (double)r->passes.rays < rays) && going(r) && in_time(r, deadline)) sample_row(r);
+        }
+        r->stats.seconds_direct += clock_now() - start;
+        r->stats.b = r->steps_sum > 0 ? r->b_sum / r->steps_sum : 0;
+        learn(r);
+        if (s->error > 0 && i > 3 && r->relative_error <= s->error) break;
+    }
+    return true;
+}
+
+static bool run_passes(Render *r)
+{
+    const Settings *s = r->settings;
+    uint64_t height = r->scene->camera.height, rows = s->per_pixel > 0 ? (uint64_t)ceil(s->per_pixel * (double)height) : UINT64_MAX, look = 2 * height;
+    double start = clock_now();
+    while (r->passes.rows < rows && going(r) && in_time(r, s->start + s->seconds)) {
+        sample_row(r);
+        if (r->passes.rows < look) continue;
+        look += look / 4 + height;                 /* the estimate costs a pass over the picture: at growing intervals */
+        look -= look % height;
+        learn(r);
+        if (s->error > 0 && r->relative_error <= s->error) break;
+    }
+    r->stats.seconds_direct += clock_now() - start;
+    learn(r);
+    return true;
+}
+
+bool render_run(Render *r, bool (*keep_going)(void *, const Render *), void *context)
+{
+    r->keep_going = keep_going;
+    r->context = context;
+    return r->has_chain ? run_chains(r) : run_passes(r);
+}
+
+RenderStats render_stats(const Render *r)
+{
+    RenderStats s = r->stats;
+    const Settings *settings = r->settings;
+    double steps = r->steps_sum + r->round_steps, b = r->b_sum + r->round_steps * r->round_b;
+    double samples = (double)r->passes.rows * r->scene->camera.width, work = r->has_chain ? steps : samples;
+    s.mutations = (uint64_t)work;
+    s.rays = *r->scene->rays;
+    s.b = steps > 0 ? b / steps : 0;
+    s.b_stderr = steps > 0 ? sqrt(r->b_variance_sum + r->round_steps * r->round_steps * r->round_b_variance) / steps : 0;
+    s.relative_error = r->relative_error;
+    s.bad_samples += s.chain.bad;
+    if (settings->per_pixel > 0) s.done = work / (settings->per_pixel * (double)r->pixels);
+    if (settings->seconds > 0) s.done = fmax(s.done, (clock_now() - settings->start) / settings->seconds);
+    s.done = fmin(s.done, 1);
+    return s;
+}

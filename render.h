@@ -1,0 +1,52 @@
+/* A run: rounds of Metropolis chains beside direct light sampled apart, or passes of an independent reference; the picture, its estimated
+ * error, and the run's state on file. Knows no options and no terminal. */
+#ifndef RENDER_H
+#define RENDER_H
+#include "mlt.h"
+
+typedef enum { INTEGRATOR_MLT, INTEGRATOR_BDPT, INTEGRATOR_PATH } Integrator;
+typedef enum { LIGHT_APART, LIGHT_CHAIN, LIGHT_ONLY, LIGHT_NONE } DirectLight;   /* --direct apart, chain, only, none */
+
+typedef struct {
+    Integrator integrator;
+    DirectLight direct;
+    int max_depth;
+    unsigned strategies;           /* bit i = row i of mutation_table */
+    uint64_t seed;
+    double per_pixel;              /* mutations (path, bdpt: samples) per pixel; 0 = no limit */
+    double seconds;                /* wall clock since 'start'; 0 = no limit */
+    double start;                  /* clock_now() when the program began */
+    double error;                  /* stop at this estimated relative error; 0 = never */
+    uint64_t bootstrap, chains;    /* totals over the run; 0 = the program chooses */
+} Settings;
+
+typedef struct {
+    double done;                   /* share of the work or time, 0 .. 1; 0 if there is no limit */
+    double seconds_start, seconds_direct, seconds_chain;
+    uint64_t mutations;            /* for path and bdpt: samples */
+    uint64_t rays, chain_rays;     /* all; those of the chains */
+    double b, b_stderr;
+    double relative_error;         /* sqrt of the estimated relMSE of the picture; NAN while unknown */
+    uint64_t bad_samples;
+    uint64_t bootstrap_samples, bootstrap_hits;
+    ChainCount chain;
+} RenderStats;
+
+typedef struct Render Render;
+
+/* NULL if memory runs out. The scene and settings must outlive it. */
+Render *render_new(const Scene *scene, const Settings *settings);
+void render_free(Render *render);
+
+/* Works until a limit is reached or keep_going answers false; that is asked many times a second. Call once. False if memory runs out. */
+bool render_run(Render *render, bool (*keep_going)(void *context, const Render *render), void *context);
+
+RenderStats render_stats(const Render *render);
+
+/* The picture as it stands, and the standard error of each value (0 while unknown); images of the film's size. */
+void render_image(const Render *render, Image *image);
+void render_error_image(const Render *render, Image *image);
+
+/* Seconds on a clock that never goes back. */
+double clock_now(void);
+#endif

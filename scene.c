@@ -1,0 +1,290 @@
+/* Lights, camera, and ray queries between surface points. See scene.h for units and contracts. */
+#include "scene.h"
+#include "obj.h"
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+static double now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void corners(const Mesh *m, uint32_t triangle, Vec3 out[3])
+{
+    for (int i = 0; i < 3; i++) out[i] = from_float(m->position[m->triangle[triangle][i]]);
+}
+
+/* Alias table (Walker; Vose's construction): one random number picks a light in constant time. */
+static bool build_lights(Scene *s)
+{
+    const Mesh *m = &s->mesh;
+    for (uint32_t i = 0; i < m->n_triangles; i++) s->n_lights += material_emits(&m->material[m->triangle_material[i]]);
+    if (s->n_lights == 0) return true;
+    uint32_t n = s->n_lights, *work = malloc(n * sizeof *work);
+    s->light = malloc(n * sizeof *s->light);
+    s->light_alias = malloc(n * sizeof *s->light_alias);
+    s->light_threshold = malloc(n * sizeof *s->light_threshold);
+    if (!work || !s->light || !s->light_alias || !s->light_threshold) { free(work); return false; }
+    n = 0;
+    for (uint32_t i = 0; i < m->n_triangles; i++) {
+        const Material *material = &m->material[m->triangle_material[i]];
+        if (!material_emits(material)) continue;
+        Vec3 c[3];
+        corners(m, i, c);
+        s->light[n] = i;
+        s->light_threshold[n] = max3(material->ke) * 0.5 * length(cross(sub(c[1], c[0]), sub(c[2], c[0])));
+        s->power += s->light_threshold[n++];
+    }
+    uint32_t n_small = 0, n_large = n;             /* work: small ones from the left, large ones from the right */
+    for (uint32_t i = 0; i < n; i++) {
+        s->light_threshold[i] *= n / s->power;
+        s->light_alias[i] = i;
+        if (s->light_threshold[i] < 1) work[n_small++] = i;
+        else work[--n_large] = i;
+    }
+    while (n_small > 0 && n_large < n) {
+        uint32_t small = work[--n_small], large = work[n_large];
+        s->light_alias[small] = large;
+        s->light_threshold[large] -= 1 - s->light_threshold[small];
+        if (s->light_threshold[large] < 1) { n_large++; work[n_small++] = large; }
+    }
+    while (n_small > 0) s->light_threshold[work[--n_small]] = 1;   /* what rounding left over */
+    free(work);
+    return true;
+}
+
+static bool set_camera(Scene *s, const CameraSettings *c, const char *path, Report *report)
+{
+    const Mesh *m = &s->mesh;
+    Vec3 low = vec3(INFINITY, INFINITY, INFINITY), high = neg(low);
+    for (uint32_t i = 0; i < m->n_triangles; i++) {
+        Vec3 p[3];
+        corners(m, i, p);
+        for (int j = 0; j < 3; j++) {
+            low = vec3(fmin(low.x, p[j].x), fmin(low.y, p[j].y), fmin(low.z, p[j].z));
+            high = vec3(fmax(high.x, p[j].x), fmax(high.y, p[j].y), fmax(high.z, p[j].z));
+        }
+    }
+    Camera *camera = &s->camera;
+    double inv_unit = 1 / m->unit, tangent = tan((c->has_fov ? c->fov : 40) * PI / 360);
+    camera->width = c->has_size ? c->width : 512;
+    camera->height = c->has_size ? c->height : 512;
+    camera->half_height = tangent;
+    camera->half_width = tangent * camera->width / camera->height;
+    Vec3 centre = scale(0.5, add(low, high));
+    Vec3 look = c->has_look ? scale(inv_unit, sub(c->look, m->centre)) : centre;
+    double radius = 0.5 * length(sub(high, low)), tightest = fmin(camera->half_height, camera->half_width);
+    /* unframed scenes are seen from the front and slightly above, the bounding sphere filling the film */
+    Vec3 direction = normalize(vec3(0, 0.25, 1));
+    camera->eye = c->has_eye ? scale(inv_unit, sub(c->eye, m->centre)) : along(look, 1.02 * radius * sqrt(1 + 1 / (tightest * tightest)), direction);
+    Vec3 view = sub(look, camera->eye), up = c->has_up ? c->up : vec3(0, 1, 0);
+    if (!finite3(view) || !(dot(view, view) > 0)) return report_error(report, path, 0, "the camera's eye and look are the same point");
+    camera->forward = normalize(view);
+    Vec3 right = cross(camera->forward, scale(1 / fmax(max3(vec3(fabs(up.x), fabs(up.y), fabs(up.z))), 1e-300), up));
+    if (!(dot(right, right) > 1e-20)) {            /* up along the view: any up will do, but say so if it was asked for */
+        if (c->has_up) report_warning(report, path, 0, "the camera's up lies along its view; another is used");
+        Vec3 other;
+        frame(camera->forward, &right, &other);
+    }
+    camera->right = normalize(right);
+    camera->up = cross(camera->right, camera->forward);
+    camera->aperture = c->has_aperture ? c->aperture * inv_unit : 0;
+    camera->focus = c->has_focus ? c->focus * inv_unit : length(view);
+    return true;
+}
+
+static void override(CameraSettings *c, const CameraSettings *o)
+{
+    if (o->has_eye) { c->has_eye = true; c->eye = o->eye; }
+    if (o->has_look) { c->has_look = true; c->look = o->look; }
+    if (o->has_up) { c->has_up = true; c->up = o->up; }
+    if (o->has_fov) { c->has_fov = true; c->fov = o->fov; }
+    if (o->has_size) { c->has_size = true; c->width = o->width; c->height = o->height; }
+    if (o->has_aperture) { c->has_aperture = true; c->aperture = o->aperture; }
+    if (o->has_focus) { c->has_focus = true; c->focus = o->focus; }
+}
+
+/* NAME.cam beside NAME.obj */
+static bool read_camera(CameraSettings *settings, const char *path, Report *report)
+{
+    size_t n = strlen(path);
+    const char *dot = strrchr(path, '.'), *slash = strrchr(path, '/');
+    if (dot && (!slash || dot > slash)) n = (size_t)(dot - path);
+    char *name = malloc(n + 5);
+    if (!name) return report_error(report, path, 0, "out of memory");
+    memcpy(name, path, n);
+    memcpy(name + n, ".cam", 5);
+    bool ok = cam_read(settings, name, report);
+    free(name);
+    return ok;
+}
+
+bool scene_load(Scene *s, const char *path, const CameraSettings *overrides, BvhEffort effort, Report *report)
+{
+    double start = now();
+    CameraSettings settings = { 0 };
+    *s = (Scene){ .rays = calloc(1, sizeof *s->rays) };
+    if (!s->rays) return report_error(report, path, 0, "out of memory");
+    if (!obj_read(&s->mesh, path, report)) { free(s->rays); return false; }
+    if (!read_camera(&settings, path, report)) { scene_free(s); return false; }
+    override(&settings, overrides);
+    if (!set_camera(s, &settings, path, report)) { scene_free(s); return false; }
+    for (uint32_t i = 0; i < s->mesh.n_materials; i++) s->has_specular |= material_is_specular(&s->mesh.material[i]);
+    s->seconds_load = now() - start;
+
+    start = now();
+    if (build_lights(s))
+        s->bvh = bvh_new((const float (*)[3])s->mesh.position, (const uint32_t (*)[3])s->mesh.triangle, s->mesh.n_triangles, effort);
+    s->seconds_build = now() - start;
+    if (s->bvh) return true;
+    scene_free(s);
+    return report_error(report, path, 0, "out of memory");
+}
+
+void scene_free(Scene *s)
+{
+    mesh_free(&s->mesh);
+    bvh_free(s->bvh);
+    free(s->light);
+    free(s->light_alias);
+    free(s->light_threshold);
+    free(s->rays);
+    *s = (Scene){ 0 };
+}
+
+size_t scene_bytes(const Scene *s)
+{
+    const Mesh *m = &s->mesh;
+    size_t a_triangle = 16u + (m->triangle_normal ? 12u : 0u) + (m->triangle_uv ? 12u : 0u);
+    return m->n_triangles * a_triangle + 12 * ((size_t)m->n_positions + m->n_normals) + 8 * (size_t)m->n_uvs
+         + 16 * (size_t)s->n_lights + bvh_bytes(s->bvh);
+}
+
+/* Bilinear, repeated, v upwards; texel centres at half integers. */
+static Rgb texture_at(const Image *image, double u, double v)
+{
+    double x = (u - floor(u)) * image->width - 0.5, y = (1 - (v - floor(v))) * image->height - 0.5;
+    double x0 = floor(x), y0 = floor(y), fx = x - x0, fy = y - y0;
+    uint32_t w = image->width, h = image->height;
+    uint32_t column[2] = { (uint32_t)(x0 + w) % w, (uint32_t)(x0 + 1 + w) % w }, row[2] = { (uint32_t)(y0 + h) % h, (uint32_t)(y0 + 1 + h) % h };
+    Rgb sum = vec3(0, 0, 0);
+    for (int i = 0; i < 4; i++) {
+        double weight = (i & 1 ? fx : 1 - fx) * (i & 2 ? fy : 1 - fy);
+        sum = along(sum, weight, from_float(image->rgb + 3 * ((size_t)row[i >> 1] * w + column[i & 1])));
+    }
+    return sum;
+}
+
+/* Fills the surface at barycentric (u, v) of a triangle; c are its corners. */
+static void set_point(const Scene *s, uint32_t triangle, const Vec3 c[3], double u, double v, Point *out)
+{
+    const Mesh *m = &s->mesh;
+    double w = 1 - u - v;
+    Vec3 e1 = sub(c[1], c[0]), e2 = sub(c[2], c[0]);
+    Surface *surface = &out->surface;
+    out->triangle = triangle;
+    out->p = along(along(c[0], u, e1), v, e2);
+    surface->ng = surface->ns = normalize(cross(e1, e2));
+    surface->material = &m->material[m->triangle_material[triangle]];
+    surface->kd = surface->material->kd;
+    if (m->triangle_normal && m->triangle_normal[triangle][0] != BVH_NONE) {
+        const uint32_t *n = m->triangle_normal[triangle];
+        Vec3 sum = along(along(scale(w, from_float(m->normal[n[0]])), u, from_float(m->normal[n[1]])), v, from_float(m->normal[n[2]]));
+        double l = length(sum);
+        if (l > 0) surface->ns = scale(1 / l, sum);
+    }
+    if (surface->material->map_kd && m->triangle_uv && m->triangle_uv[triangle][0] != BVH_NONE) {
+        const uint32_t *t = m->triangle_uv[triangle];
+        double tu = w * (double)m->uv[t[0]][0] + u * (double)m->uv[t[1]][0] + v * (double)m->uv[t[2]][0];
+        double tv = w * (double)m->uv[t[0]][1] + u * (double)m->uv[t[1]][1] + v * (double)m->uv[t[2]][1];
+        surface->kd = texture_at(surface->material->map_kd, tu, tv);
+    }
+}
+
+/* Off the surface towards the side of w, by a bound of what single precision loses at this place in the tree's unit: the origin's rounding
+ * (2^-24 of each coordinate) and the like in the tree's own arithmetic, eightfold. A point on the lens stays. */
+static Vec3 leave_surface(const Point *from, Vec3 w)
+{
+    if (from->triangle == BVH_NONE) return from->p;
+    double size = fmax(fmax(fabs(from->p.x), fabs(from->p.y)), fmax(fabs(from->p.z), 0x1p-6));
+    return along(from->p, copysign(0x1p-21 * size, dot(w, from->surface.ng)), from->surface.ng);
+}
+
+bool scene_trace(const Scene *s, const Point *from, Vec3 w, Point *hit)
+{
+    Ray ray = { leave_surface(from, w), w, INFINITY, { from->triangle, BVH_NONE } };
+    Hit h;
+    ++*s->rays;
+    if (!bvh_closest(s->bvh, &ray, &h)) return false;
+    /* The tree says which triangle; where on it is computed anew in double [Moeller and Trumbore], kept inside the triangle. */
+    Vec3 c[3];
+    corners(&s->mesh, h.triangle, c);
+    Vec3 e1 = sub(c[1], c[0]), e2 = sub(c[2], c[0]), q = cross(w, e2), o = sub(ray.origin, c[0]);
+    double det = dot(e1, q), inv = 1 / det, u = h.u, v = h.v;
+    if (isfinite(inv)) {
+        u = dot(o, q) * inv;
+        v = dot(w, cross(o, e1)) * inv;
+    }
+    u = fmin(fmax(u, 0), 1);
+    v = fmin(fmax(v, 0), 1 - u);
+    set_point(s, h.triangle, c, u, v, hit);
+    return true;
+}
+
+bool scene_visible(const Scene *s, const Point *a, const Point *b)
+{
+    Vec3 d = sub(b->p, a->p), from = leave_surface(a, d);
+    Ray ray = { from, sub(leave_surface(b, neg(d)), from), 1, { a->triangle, b->triangle } };
+    ++*s->rays;
+    return !bvh_any(s->bvh, &ray);
+}
+
+void scene_sample_light(const Scene *s, Rng *rng, Point *point)
+{
+    double pick = rng_double(rng) * s->n_lights;
+    uint32_t i = (uint32_t)pick;
+    if (pick - i >= s->light_threshold[i]) i = s->light_alias[i];
+    double u = rng_double(rng), v = rng_double(rng);
+    if (u + v > 1) { u = 1 - u; v = 1 - v; }
+    Vec3 c[3];
+    corners(&s->mesh, s->light[i], c);
+    set_point(s, s->light[i], c, u, v, point);
+}
+
+double scene_light_pdf_a(const Scene *s, const Material *material) { return max3(material->ke) / s->power; }
+
+void camera_sample_lens(const Camera *camera, Rng *rng, Point *lens)
+{
+    *lens = (Point){ camera->eye, BVH_NONE, { NULL, { 0, 0, 0 }, camera->forward, camera->forward } };
+    if (camera->aperture == 0) return;
+    double r = camera->aperture * sqrt(rng_double(rng)), phi = 2 * PI * rng_double(rng);
+    lens->p = along(along(camera->eye, r * cos(phi), camera->right), r * sin(phi), camera->up);
+}
+
+/* Through the point at distance 1 (pinhole) or at the focal plane (thin lens) that the centre of the lens sees at (x, y). */
+Vec3 camera_direction(const Camera *camera, const Point *lens, double x, double y)
+{
+    double a = (2 * x / camera->width - 1) * camera->half_width, b = (1 - 2 * y / camera->height) * camera->half_height;
+    Vec3 w = along(along(camera->forward, a, camera->right), b, camera->up);
+    if (camera->aperture > 0) w = sub(along(camera->eye, camera->focus, w), lens->p);
+    return normalize(w);
+}
+
+bool camera_project(const Camera *camera, const Point *lens, Vec3 w, double *x, double *y, double *we)
+{
+    double cosine = dot(w, camera->forward);
+    if (!(cosine > 0)) return false;
+    double a = dot(w, camera->right) / cosine, b = dot(w, camera->up) / cosine;
+    if (camera->aperture > 0) {
+        Vec3 off = sub(lens->p, camera->eye);
+        a += dot(off, camera->right) / camera->focus;
+        b += dot(off, camera->up) / camera->focus;
+    }
+    *x = 0.5 * (1 + a / camera->half_width) * camera->width;
+    *y = 0.5 * (1 - b / camera->half_height) * camera->height;
+    *we = 1 / (4 * camera->half_width * camera->half_height * cosine * cosine * cosine * cosine);
+    return *x >= 0 && *x < camera->width && *y >= 0 && *y < camera->height;
+}
