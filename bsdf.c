@@ -101,12 +101,25 @@ bool bsdf_scatter(const Surface *s, Vec3 w_light, Vec3 w_lens, Mode mode, Scatte
     return true;
 }
 
+/* A point of the unit disk, lifted to the hemisphere over it [Malley]. */
 Vec3 sample_cosine(Vec3 n, Rng *rng)
 {
-    double r2 = rng_double(rng), phi = 2 * PI * rng_double(rng), r = sqrt(r2);
+    double x, y;
     Vec3 a, b;
+    rng_disk(rng, &x, &y);
     frame(n, &a, &b);
-    return along(along(scale(sqrt(1 - r2), n), r * cos(phi), a), r * sin(phi), b);
+    return along(along(scale(sqrt(1 - x * x - y * y), n), x, a), y, b);
+}
+
+Vec3 sample_turned(Vec3 w, double cosine, double sine, Rng *rng)
+{
+    double x, y, squared;
+    Vec3 a, b;
+    do rng_disk(rng, &x, &y);
+    while ((squared = x * x + y * y) == 0);
+    double r = sine / sqrt(squared);
+    frame(w, &a, &b);
+    return along(along(scale(cosine, w), r * x, a), r * y, b);
 }
 
 bool bsdf_follow(const Surface *s, Vec3 known, Mode mode, Vec3 *w)
@@ -140,11 +153,8 @@ bool bsdf_sample(const Surface *s, Vec3 known, Rng *rng, Vec3 *w, Mode *mode)
     double d = diffuse_prob(s);
     if (d == 1 || rng_double(rng) < d) *w = sample_cosine(n, rng);
     else {
-        Vec3 mirror = along(neg(known), 2 * known_s, s->ns), a, b;
-        double c = pow(1 - rng_double(rng), 1 / (m->ns + 1)), phi = 2 * PI * rng_double(rng);
-        double r = sqrt(fmax(0, 1 - c * c));
-        frame(mirror, &a, &b);
-        *w = along(along(scale(c, mirror), r * cos(phi), a), r * sin(phi), b);
+        double c = pow(1 - rng_double(rng), 1 / (m->ns + 1));
+        *w = sample_turned(along(neg(known), 2 * known_s, s->ns), c, sqrt(1 - c * c), rng);
     }
     return side(*w, s, &w_s) * known_g > 0;
 }
@@ -154,5 +164,5 @@ double bsdf_albedo(const Surface *s)
     const Material *m = s->material;
     if (m->kind == MATERIAL_MIRROR) return max3(m->ks);
     if (m->kind == MATERIAL_GLASS) return 1;
-    return fmin(1, max3(add(s->kd, m->ks)));
+    return smaller(1, max3(add(s->kd, m->ks)));
 }

@@ -71,4 +71,6 @@ double bsdf_albedo(const Surface *surface);
 
 /* cosine-distributed direction about unit n, density cos/pi per solid angle */
 Vec3 sample_cosine(Vec3 n, Rng *rng);
+/* unit w turned by the angle of this cosine and sine, towards a uniform azimuth */
+Vec3 sample_turned(Vec3 w, double cosine, double sine, Rng *rng);
 #endif

@@ -77,7 +77,8 @@ Sampler sampler_for(const Scene *scene, unsigned allowed)
 {
     double pixels = (double)scene->camera.width * scene->camera.height;
     Sampler s = { .table = mutation_table, .rows = MUTATIONS };
-    s.tuning = (Tuning){ .p_d2_importance = 0.5, .light_scale = 1, .r1 = 0.1, .r2 = fmax(0.2, sqrt(0.05 * pixels / PI)), .theta1 = 1e-4, .theta2 = 0.1 };
+    double r1 = 0.1, r2 = larger(2 * r1, sqrt(0.05 * pixels / PI)), theta1 = 1e-4, theta2 = 0.1;
+    s.tuning = (Tuning){ .p_d2_importance = 0.5, .light_scale = 1, .r2 = r2, .log_r = log(r1 / r2), .theta2 = theta2, .log_theta = log(theta1 / theta2) };
     for (int i = 0; i < MUTATIONS; i++)
         if (allowed >> i & 1 && (scene->has_specular || !mutation_table[i].needs_specular)) s.share[i] = mutation_table[i].share;
     return s;

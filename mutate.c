@@ -11,19 +11,22 @@
  * label, so other (s,t) that could lead to the same y need not be summed.
  */
 #include "mutate.h"
+#include <string.h>
 
 const char *const outcome_name[OUTCOMES] = { "proposed", "no_way", "lost", "side", "film", "class", "blocked" };
+
+static double half_to(int n) { return n < 63 ? 1 / (double)((uint64_t)1 << n) : ldexp(1, -n); }
 
 /* 1/4, 1/2, 2^-e; cut at k+2, where the sum is 1 - 2^-(k+2). */
 double bidir_p_d1(int k, int k_d)
 {
-    double p = k_d == 1 ? 0.25 : k_d == 2 ? 0.5 : ldexp(1, -k_d);
-    return p / (1 - ldexp(1, -(k + 2)));
+    double p = k_d == 1 ? 0.25 : k_d == 2 ? 0.5 : half_to(k_d);
+    return p / (1 - half_to(k + 2));
 }
 
 static int draw_k_d(int k, Rng *rng)
 {
-    double u = rng_double(rng) * (1 - ldexp(1, -(k + 2)));
+    double u = rng_double(rng) * (1 - half_to(k + 2));
     if (u < 0.5) return 2;
     if (u < 0.75) return 1;
     int e = 3;
@@ -32,7 +35,7 @@ static int draw_k_d(int k, Rng *rng)
 }
 
 /* Mass of p_a1 on one side, |d| = 1 .. n: 0.15 + 0.1 (1/2 + 1/4 + ..) */
-static double one_side(int n) { return n <= 0 ? 0 : 0.15 + 0.1 * (1 - ldexp(1, 1 - n)); }
+static double one_side(int n) { return n <= 0 ? 0 : 0.15 + 0.1 * (1 - half_to(n - 1)); }
 
 /* How far k_a may lie below and above k_d: k_a >= 1 and 1 <= k' <= max_depth. */
 static int room_below(int k, int k_d) { return k_d < k ? k_d - 1 : k - 1; }
@@ -42,7 +45,7 @@ double bidir_p_a1(int k, int k_d, int k_a, int max_depth)
 {
     int d = k_a - k_d, below = room_below(k, k_d), above = room_above(k, max_depth), distance = d < 0 ? -d : d;
     if (distance > 0 && distance > (d < 0 ? below : above)) return 0;
-    double p = d == 0 ? 0.5 : distance == 1 ? 0.15 : 0.1 * ldexp(1, 1 - distance);
+    double p = d == 0 ? 0.5 : distance == 1 ? 0.15 : 0.1 * half_to(distance - 1);
     return p / (0.5 + one_side(below) + one_side(above));
 }
 
@@ -81,26 +84,32 @@ static double weighted_w(const Tuning *tuning, const Path *z, int s, int t)
     return (s < 0 ? tuning->light_scale : 1) * bidir_w(z, s, t);
 }
 
+/* W(k_d), kept with the path: a state is asked for it again and again until it is replaced. */
+static double sum_of_w(const Tuning *tuning, const Path *z, int k_d)
+{
+    double W = 0;
+    if (k_d <= KEPT_W && z->W[k_d - 1] >= 0) return z->W[k_d - 1];
+    for (int s = -1; s <= z->k + 1 - k_d; s++) W += weighted_w(tuning, z, s, s + k_d);
+    if (k_d <= KEPT_W) ((Path *)z)->W[k_d - 1] = W;
+    return W;
+}
+
 double bidir_p_d2(const Tuning *tuning, const Path *z, int s, int t)
 {
-    int k_d = t - s, segments = z->k + 3 - k_d;
-    double uniform = 1.0 / segments, importance = tuning->p_d2_importance;
+    int k_d = t - s;
+    double importance = tuning->p_d2_importance, uniform = (1 - importance) / (z->k + 3 - k_d);
     if (importance == 0) return uniform;
-    double W = 0;
-    for (int i = -1; i < segments - 1; i++) W += weighted_w(tuning, z, i, i + k_d);
-    if (!(W > 0)) return (1 - importance) * uniform;
-    return importance * weighted_w(tuning, z, s, t) / W + (1 - importance) * uniform;
+    double W = sum_of_w(tuning, z, k_d);
+    return W > 0 ? uniform + importance * weighted_w(tuning, z, s, t) / W : uniform;
 }
 
 /* The first vertex of the segment. */
 static int draw_s(const Tuning *tuning, const Path *x, int k_d, Rng *rng)
 {
-    int segments = x->k + 3 - k_d, s;
-    if (tuning->p_d2_importance == 0 || rng_double(rng) >= tuning->p_d2_importance) return (int)rng_index(rng, (uint32_t)segments) - 1;
-    double W = 0, sum[MAX_EDGES + 3];
-    for (s = -1; s < segments - 1; s++) sum[s + 1] = W += weighted_w(tuning, x, s, s + k_d);
-    double u = rng_double(rng) * W;
-    for (s = -1; s < segments - 2 && u >= sum[s + 1]; s++) { }
+    int last = x->k + 1 - k_d, s = -1;
+    if (tuning->p_d2_importance == 0 || rng_double(rng) >= tuning->p_d2_importance) return (int)rng_index(rng, (uint32_t)last + 2) - 1;
+    double left = rng_double(rng) * sum_of_w(tuning, x, k_d);
+    while (s < last && (left -= weighted_w(tuning, x, s, s + k_d)) >= 0) s++;
     return s;
 }
 
@@ -120,8 +129,9 @@ Outcome bidir_propose(const Space *space, const Tuning *tuning, const Path *x, P
     y->raster_x = x->raster_x;
     y->raster_y = x->raster_y;
     y->pixel = x->pixel;
-    for (int i = 0; i <= s; i++) y->v[i] = x->v[i];
-    for (int i = t; i <= x->k; i++) y->v[i - t + t_new] = x->v[i];
+    int near_s = s < 1 ? 0 : s - 1, near_t = t < x->k ? t : x->k;    /* what growth and the ends' scattering read; the rest comes below */
+    for (int i = near_s; i <= s; i++) y->v[i] = x->v[i];
+    y->v[near_t - t + t_new] = x->v[near_t];
     int ways = bidir_ways(y, s, t_new, m);
     if (ways == 0) return ZERO_NO_WAY;
     bool first = s < 1 || !material_is_specular(x->v[s].point.surface.material);
@@ -134,6 +144,8 @@ Outcome bidir_propose(const Space *space, const Tuning *tuning, const Path *x, P
     if (joined >= 0 && !path_edge(y, joined)) return ZERO_SIDE;
     for (int i = s < 0 ? 0 : s; i <= t_new && i <= y->k; i++)
         if (!path_scatter(space, y, i)) return i == y->k ? ZERO_FILM : ZERO_SIDE;
+    memcpy(y->v, x->v, (size_t)near_s * sizeof y->v[0]);
+    if (t < x->k) memcpy(y->v + t_new + 1, x->v + t + 1, (size_t)(x->k - t) * sizeof y->v[0]);
     path_finish(space, y);
     if (!(y->chi > 0)) return ZERO_CLASS;
 

@@ -11,8 +11,8 @@
 typedef struct {
     double p_d2_importance;    /* share of the lecture's p_d2 in the choice of the segment to delete; the rest is uniform */
     double light_scale;        /* factor on w[-1,t], which carries L_e or p_A where the others carry F G F */
-    double r1, r2;             /* pixels: steps on the film lie in [r1, r2] */
-    double theta1, theta2;     /* radians: turned directions, in [theta1, theta2] */
+    double r2, log_r;          /* pixels: steps on the film lie in [r1, r2], log_r = ln(r1/r2) */
+    double theta2, log_theta;  /* radians: turned directions, in [theta1, theta2] likewise */
 } Tuning;
 
 /* Why nothing was proposed, or that something was. Visibility comes last and is the chain's to test: BLOCKED is its word. */

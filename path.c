@@ -87,6 +87,7 @@ bool path_is_direct(const Path *p)
 
 void path_finish(const Space *space, Path *p)
 {
+    for (int i = 0; i < KEPT_W; i++) p->W[i] = -1;
     p->colour = p->v[0].s.colour;
     for (int i = 1; i < p->k; i++) p->colour = mul(p->colour, p->v[i].s.colour);
     p->chi = luminance(p->colour) * (space->weight ? (double)space->weight[p->pixel] : 1);

@@ -16,7 +16,10 @@
 #define PATH_H
 #include "scene.h"
 
-enum { MAX_EDGES = 255 };          /* the longest path that --max-depth can ask for */
+enum {
+    MAX_EDGES = 255,               /* the longest path that --max-depth can ask for */
+    KEPT_W = 4
+};
 
 typedef struct {
     Point point;
@@ -33,6 +36,7 @@ typedef struct {
     double light_pdf_a;            /* p_A(x_0), per area */
     Rgb colour;                    /* product of f_s^rgb / F, light and lens included */
     double chi;
+    double W[KEPT_W];              /* W(1) .. of the bidirectional mutation's p_d2, kept for it; negative while unknown */
     Vertex v[MAX_EDGES + 1];
 } Path;
 

@@ -14,14 +14,12 @@
 static bool diffuse(const Path *x, int i) { return x->v[i].mode == MODE_NONE; }
 
 /* Steps of all scales: density 1/(r ln(b/a)) on [a,b]. Symmetric, so it cancels in T(y|x)/T(x|y). */
-static double draw_step(double a, double b, Rng *rng) { return b * pow(a / b, rng_double(rng)); }
+static double draw_step(double b, double log_a_over_b, Rng *rng) { return b * exp(log_a_over_b * rng_double(rng)); }
 
 static Vec3 turn(Vec3 w, const Tuning *tuning, Rng *rng)
 {
-    double theta = draw_step(tuning->theta1, tuning->theta2, rng), phi = 2 * PI * rng_double(rng), r = sin(theta);
-    Vec3 a, b;
-    frame(w, &a, &b);
-    return normalize(along(along(scale(cos(theta), w), r * cos(phi), a), r * sin(phi), b));
+    double theta = draw_step(tuning->theta2, tuning->log_theta, rng), sine = sin(theta);
+    return normalize(sample_turned(w, theta < PI / 2 ? sqrt(1 - sine * sine) : cos(theta), sine, rng));
 }
 
 int lens_suffix(const Path *x, int *turned)
@@ -81,8 +79,8 @@ static void keep_ends(const Path *x, Path *y, int last_kept)
 static Outcome walk_to_light(const Space *space, const Tuning *tuning, const Path *x, Path *y, int m, Rng *rng, Move *move)
 {
     const Camera *camera = &space->scene->camera;
-    double r = draw_step(tuning->r1, tuning->r2, rng), phi = 2 * PI * rng_double(rng);
-    double raster_x = x->raster_x + r * cos(phi), raster_y = x->raster_y + r * sin(phi);
+    Vec3 step = sample_turned(vec3(0, 0, 1), 0, draw_step(tuning->r2, tuning->log_r, rng), rng);
+    double raster_x = x->raster_x + step.x, raster_y = x->raster_y + step.y;
     if (!(raster_x >= 0 && raster_x < camera->width && raster_y >= 0 && raster_y < camera->height)) return ZERO_FILM;
     keep_ends(x, y, m - 1);
     if (!path_look(space, y, raster_x, raster_y)) return ZERO_LOST;

@@ -40,6 +40,7 @@ struct Render {
     double round_steps, round_b, round_b_variance;
     int round;
     double direct_share;           /* rays of direct light per ray of the chains */
+    double start_share;            /* rays of the bootstrap per ray of the chains; 0 while unknown */
     double relative_error;
     RenderStats stats;
     bool (*keep_going)(void *, const Render *);
@@ -138,11 +139,11 @@ static void sample_row(Render *r)
 
 /* Value i (channel i % 3) of the picture, and the variance of that value: from independent samples and from chains; the variance of the
  * chains' part is known once two rounds are done. */
-typedef struct { double value, sampled_variance, chain_variance; } Estimate;
+typedef struct { double value, chain /* the chains' part of it */, sampled_variance, chain_variance; } Estimate;
 
 static Estimate estimate(const Render *r, size_t i)
 {
-    Estimate e = { 0, 0, 0 };
+    Estimate e = { 0, 0, 0, 0 };
     const Passes *p = &r->passes;
     if (r->has_direct) {
         uint32_t width = r->scene->camera.width, height = r->scene->camera.height;
@@ -157,8 +158,8 @@ static Estimate estimate(const Render *r, size_t i)
     }
     double steps = r->steps_sum + r->round_steps;
     if (r->has_chain && steps > 0) {
-        double current = r->film ? r->round_b * (double)r->pixels * r->film[i] : 0;
-        e.value += (r->sum[i] + current) / steps;
+        e.chain = (r->sum[i] + r->round_b * (double)r->pixels * r->film[i]) / steps;
+        e.value += e.chain;
         double share = r->steps_sum > 0 ? r->steps_square / (r->steps_sum * r->steps_sum) : 1;
         if (share < 1) {
             double mean = r->sum[i] / r->steps_sum;
@@ -181,13 +182,20 @@ static double around(const Render *r, const float *picture, size_t pixel)
     return sum / n;
 }
 
-/* After a round: the estimated relMSE, the share of rays that direct light should have, and the two-stage weight. */
+/* The error of two kinds of work falls as 1/rays in each; together it is least where rays go as sqrt(error * rays). */
+static double best_share(double error, uint64_t rays, double other_error, uint64_t other_rays)
+{
+    double share = sqrt(error * (double)rays / (other_error * (double)other_rays));
+    return share > 0.02 ? fmin(share, 2) : 0.02;       /* NaN too */
+}
+
+/* After a round: the estimated relMSE, the shares of rays that direct light and bootstrap should have, and the two-stage weight. */
 static void learn(Render *r)
 {
     Image *picture = image_new(r->scene->camera.width, r->scene->camera.height);
     if (!picture) return;                          /* goes on with what it knew */
     render_image(r, picture);
-    double mean = 0, sampled = 0, chain = 0;
+    double mean = 0, sampled = 0, chain = 0, chain_energy = 0;   /* the last three relative to the picture, summed over values */
     for (size_t i = 0; i < 3 * r->pixels; i++) mean += (double)picture->rgb[i];
     mean /= 3 * (double)r->pixels;
     if (mean > 0) {
@@ -198,6 +206,7 @@ static void learn(Render *r)
                 double relative_to = e.value * e.value * 0.5 + local * local * 0.5 + 0.01 * mean * mean;
                 sampled += e.sampled_variance / relative_to;
                 chain += e.chain_variance / relative_to;
+                chain_energy += e.chain * e.chain / relative_to;
             }
             /* pixels in proportion to their relative error: w ~ 1/picture, floored so that none starves */
             if (r->has_chain) r->weight[pixel] = (float)(mean / (local + 0.05 * mean));
@@ -205,9 +214,12 @@ static void learn(Render *r)
         double values = 3 * (double)r->pixels;
         bool known = !r->has_chain || r->stats.b == 0 || r->round > 1;
         if (known) r->relative_error = sqrt((sampled + chain) / values);
-        if (known && r->has_chain && r->has_direct && chain > 0 && sampled > 0 && r->stats.chain_rays > 0)
-            /* variance falls as 1/rays in both: the sum is least where rays go as sqrt(variance * rays) */
-            r->direct_share = fmin(fmax(sqrt(sampled * (double)r->passes.rays / (chain * (double)r->stats.chain_rays)), 0.02), 2);
+        if (known && r->has_chain && r->stats.b > 0) {
+            if (r->has_direct) r->direct_share = best_share(sampled, r->passes.rays, chain, r->stats.chain_rays);
+            /* what the uncertain b alone contributes */
+            double relative_b = r->b_variance_sum / (r->b_sum * r->b_sum), by_b = relative_b * chain_energy;
+            r->start_share = best_share(by_b, r->stats.start_rays, fmax(chain - by_b, 0.1 * chain), r->stats.chain_rays);
+        }
         if (r->has_chain) r->chain_space.weight = r->weight;
     } else if (r->has_direct && !r->has_chain) r->relative_error = 0;
     image_free(picture);
@@ -251,7 +263,9 @@ static bool run_round(Render *r, uint64_t n_bootstrap, double steps, double leng
     r->stats.bootstrap_hits += boot.hits;
     memset(r->film, 0, 3 * r->pixels * sizeof *r->film);
     r->stats.seconds_start += clock_now() - start;
+    r->stats.start_rays += *r->scene->rays - rays;
     start = clock_now();
+    rays = *r->scene->rays;
     Rng picks = rng_new(r->settings->seed, stream - 1);
     double offset = rng_double(&picks), chains = fmax(1, floor(steps / length + 0.5));
     for (uint64_t c = 0; (double)c < chains && going(r) && in_time(r, deadline); c++) {
@@ -298,6 +312,14 @@ static double chain_length(const Render *r, double steps)
     return fmin(fmax(steps / 1024, 64), 16384);
 }
 
+/* For a round of so many steps: by the share of rays that was found best, at first by that of 100000 samples for the run. */
+static double bootstrap_samples(const Render *r, double steps)
+{
+    double least = 100000.0 / (ROUNDS + 1), rays = (double)r->stats.chain_rays / fmax(1, r->steps_sum) * steps;
+    if (r->start_share == 0) return least;
+    return fmax(least, r->start_share * rays * (double)r->stats.bootstrap_samples / (double)r->stats.start_rays);
+}
+
 static bool run_chains(Render *r)
 {
     const Settings *s = r->settings;
@@ -315,10 +337,8 @@ static bool run_chains(Render *r)
             steps = fmin(steps, 2 * rate * (deadline - now) + 1);
         }
         if (!(steps > 0)) continue;
-        /* one bootstrap sample for so many steps costs a few percent of the time */
-        double n = fmax((double)(s->bootstrap ? s->bootstrap : 100000) / (ROUNDS + 1), s->bootstrap ? 1 : steps / 256);
-        if (s->seconds > 0) n = fmin(n, fmax(0.1 * samples_rate * (deadline - now), s->bootstrap ? 1 : 256));
-        if (s->bootstrap) n = ceil((double)s->bootstrap / (ROUNDS + 1));
+        double n = s->bootstrap ? ceil((double)s->bootstrap / (ROUNDS + 1)) : bootstrap_samples(r, steps);
+        if (s->seconds > 0 && !s->bootstrap) n = fmin(n, fmax(256, 0.67 * samples_rate * (deadline - now)));
         double chain_end = deadline - (r->has_direct && s->seconds > 0 ? (deadline - now) * r->direct_share / (1 + r->direct_share) : 0);
         double seconds_start = r->stats.seconds_start, seconds_chain = r->stats.seconds_chain;
         if (!run_round(r, (uint64_t)fmin(n, 4e7), steps, chain_length(r, steps), chain_end)) return false;
@@ -327,7 +347,7 @@ static bool run_chains(Render *r)
         close_round(r);
         double start = clock_now();
         if (r->has_direct) {
-            uint64_t minimum = (uint64_t)r->scene->camera.height * (i == 0 ? 1 : 0);
+            uint64_t minimum = 2 * (uint64_t)r->scene->camera.height * (i < 2 ? (uint64_t)i + 1 : 0);   /* else its variance stays unknown */
             double rays = r->direct_share * (double)r->stats.chain_rays;
             while ((r->passes.rows < minimum || (double)r->passes.rays < rays) && going(r) && in_time(r, deadline)) sample_row(r);
         }

@@ -24,7 +24,7 @@ typedef struct {
     double done;                   /* share of the work or time, 0 .. 1; 0 if there is no limit */
     double seconds_start, seconds_direct, seconds_chain;
     uint64_t mutations;            /* for path and bdpt: samples */
-    uint64_t rays, chain_rays;     /* all; those of the chains */
+    uint64_t rays, start_rays, chain_rays;   /* all; those of the bootstraps; of the chains */
     double b, b_stderr;
     double relative_error;         /* sqrt of the estimated relMSE of the picture; NAN while unknown */
     uint64_t bad_samples;

@@ -34,6 +34,15 @@ static inline uint64_t rng_bits(Rng *r)
 /* Uniform on [0,1): a multiple of 2^-53, never 1. */
 static inline double rng_double(Rng *r) { return (double)(rng_bits(r) >> 11) * 0x1p-53; }
 
+/* Uniform in the unit disk, by rejection: no root, no sine. */
+static inline void rng_disk(Rng *r, double *x, double *y)
+{
+    do {
+        *x = 2 * rng_double(r) - 1;
+        *y = 2 * rng_double(r) - 1;
+    } while (*x * *x + *y * *y >= 1);
+}
+
 /* Uniform on 0 .. n-1; the bias of the multiply-shift is below n 2^-32. */
 static inline uint32_t rng_index(Rng *r, uint32_t n) { return (uint32_t)(((rng_bits(r) >> 32) * n) >> 32); }
 #endif

@@ -209,7 +209,7 @@ static void set_point(const Scene *s, uint32_t triangle, const Vec3 c[3], double
 static Vec3 leave_surface(const Point *from, Vec3 w)
 {
     if (from->triangle == BVH_NONE) return from->p;
-    double size = fmax(fmax(fabs(from->p.x), fabs(from->p.y)), fmax(fabs(from->p.z), 0x1p-6));
+    double size = larger(larger(fabs(from->p.x), fabs(from->p.y)), larger(fabs(from->p.z), 0x1p-6));
     return along(from->p, copysign(0x1p-21 * size, dot(w, from->surface.ng)), from->surface.ng);
 }
 
@@ -228,8 +228,8 @@ bool scene_trace(const Scene *s, const Point *from, Vec3 w, Point *hit)
         u = dot(o, q) * inv;
         v = dot(w, cross(o, e1)) * inv;
     }
-    u = fmin(fmax(u, 0), 1);
-    v = fmin(fmax(v, 0), 1 - u);
+    u = smaller(larger(u, 0), 1);
+    v = smaller(larger(v, 0), 1 - u);
     set_point(s, h.triangle, c, u, v, hit);
     return true;
 }
@@ -260,8 +260,9 @@ void camera_sample_lens(const Camera *camera, Rng *rng, Point *lens)
 {
     *lens = (Point){ camera->eye, BVH_NONE, { NULL, { 0, 0, 0 }, camera->forward, camera->forward } };
     if (camera->aperture == 0) return;
-    double r = camera->aperture * sqrt(rng_double(rng)), phi = 2 * PI * rng_double(rng);
-    lens->p = along(along(camera->eye, r * cos(phi), camera->right), r * sin(phi), camera->up);
+    double x, y;
+    rng_disk(rng, &x, &y);
+    lens->p = along(along(camera->eye, camera->aperture * x, camera->right), camera->aperture * y, camera->up);
 }
 
 /* Through the point at distance 1 (pinhole) or at the focal plane (thin lens) that the centre of the lens sees at (x, y). */

@@ -26,7 +26,10 @@ static inline Vec3 cross(Vec3 a, Vec3 b)
 static inline double length(Vec3 a) { return sqrt(dot(a, a)); }
 static inline Vec3 normalize(Vec3 a) { return scale(1 / length(a), a); }
 static inline bool finite3(Vec3 a) { return isfinite(a.x) && isfinite(a.y) && isfinite(a.z); }
-static inline double max3(Vec3 a) { return fmax(a.x, fmax(a.y, a.z)); }
+/* fmin and fmax without their care for NaN, which costs a call */
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+static inline double larger(double a, double b) { return a > b ? a : b; }
+static inline double max3(Vec3 a) { return larger(a.x, larger(a.y, a.z)); }
 static inline Vec3 from_float(const float f[3]) { return vec3((double)f[0], (double)f[1], (double)f[2]); }
 
 /* Rec. 709 luminance */

@@ -1,101 +1,307 @@
-/* The sharpest test of mutations: starts that follow f* exactly (weighted bidirectional samples), a few steps each; then the expectation of
- * every function of the path must be what it was at the start. Functions tested: membership in classes of
- * length x specular pattern x quarter of the image. Counting along one long chain would prove nothing. */
+/* The sharpest test of mutations: starts that follow the target f* exactly (weighted bidirectional samples), a few steps each, and no flow
+ * between classes of paths may remain. Counting along one long chain would prove nothing.
+ *
+ * Every row claims detailed balance, so for every set E of paths and every function g of a path
+ *
+ *     sum over starts x of  W(x) * sum over recorded states y of  weight(y) [x in E] [y in E] ( g(y) - g(x) )
+ *
+ * has expectation 0: what flows from x to y flows back, for any number of steps. E, the paths that are tested, are those whose weight
+ * f* / (density of the start) stays below a cap. So no start weighs much, every sum obeys the central limit theorem, and a rare path of
+ * huge weight that no start has found cannot raise a false alarm. The g are the indicators of classes, several families of them:
+ * a fault in a ratio shows best in classes that tell its argument apart.
+ *
+ * Any number of samplers (subjects), right and faulty ones, runs from the same starts. */
 #ifndef BALANCE_H
 #define BALANCE_H
 #include "mlt.h"
 #include <stdlib.h>
 #include <string.h>
 
-enum { BALANCE_CLASSES = 4096 };
+enum {
+    FAMILY_IMAGE = 0,                              /* length x pattern x quarter: 8 * 64 * 4 */
+    FAMILY_LENGTH = FAMILY_IMAGE + 2048,           /* length (up to 15) x quarter, what is rare above pooled: 16 * 4 */
+    FAMILY_MODE = FAMILY_LENGTH + 64,              /* pattern x product of mode probabilities: 64 * 4 */
+    FAMILY_COSINE = FAMILY_MODE + 256,             /* length x specular vertices x cosines where directions are turned: 8 * 4 * 4 */
+    FAMILY_NEAR = FAMILY_COSINE + 128,             /* specular vertices x length of the edge at the lens: 4 * 64 */
+    FAMILY_FAR = FAMILY_NEAR + 256,                /* specular vertices x length of the edge at the light: 4 * 64 */
+    BALANCE_CLASSES = FAMILY_FAR + 256,
+    BALANCE_FAMILIES = 6,
+    BALANCE_ENOUGH = 50                            /* starts that a class must be worth: sum of squares over the largest square */
+};
+
+/* Where starts come from. */
+typedef enum {
+    START_BDPT,                /* bidirectional samples: any path */
+    START_AIMED                /* paths L S+ D S* E alone, which those hardly ever find: from the lens to D, and from there aimed at the light */
+} StartKind;
 
 typedef struct {
-    double worst_z;            /* largest |z| over classes */
-    int classes;               /* with enough starts to be tested */
-    uint64_t starts, bad;
-    double worst_difference;   /* of the worst class, relative to b */
+    const char *name;
+    Sampler sampler;
+    bool faulty;               /* planted: must be caught */
+    /* what balance_run finds */
+    double z;                  /* largest |z| over classes; infinite if a ratio was not a number */
     unsigned worst_class;
+    double difference;         /* of that class, relative to b */
+    int classes;               /* that were tested */
+    uint64_t starts;           /* that left their state */
     ChainCount count;
+    double sum[BALANCE_CLASSES], square[BALANCE_CLASSES], largest[BALANCE_CLASSES];
+} Subject;
+
+typedef struct {
+    uint64_t samples, starts, bad;
+    double b;                  /* integral of f* over the tested paths */
+    double left_out;           /* share of f* above the cap (as far as it was met) */
+    double weight_error;       /* worst relative difference between a start's weight and the same by a second route */
 } Balance;
 
-/* length (up to 7), reflect/refract/diffuse pattern of up to 3 vertices from the lens, quarter of the film */
-static inline unsigned balance_class(const Space *space, const Path *x)
+typedef struct {
+    StartKind kind;
+    double threshold, cap;     /* a start of weight W is taken with probability min(1, W/threshold), and weighs max(W, threshold) then */
+    double cone;               /* START_AIMED: largest angle off the light's apparent direction */
+    Vec3 aim;                  /* START_AIMED: middle of the lights */
+} Starts;
+
+static inline unsigned balance_bin(double value, double scale, int bins)
 {
-    unsigned length = (unsigned)(x->k < 7 ? x->k : 7), pattern = 0;
+    double i = floor(value * scale);
+    return i > 0 ? i < bins - 1 ? (unsigned)i : (unsigned)(bins - 1) : 0;
+}
+
+/* The classes of a path, one of each family. */
+static inline void balance_classes(const Space *space, const Path *x, unsigned class[BALANCE_FAMILIES])
+{
+    unsigned length8 = (unsigned)(x->k < 7 ? x->k : 7), length16 = (unsigned)(x->k < 15 ? x->k : 15), pattern = 0, specular = 0;
     for (int i = 1; i <= 3; i++) pattern = 4 * pattern + (x->k - i > 0 ? (unsigned)x->v[x->k - i].mode : 3);
     const Camera *camera = &space->scene->camera;
     unsigned quarter = (x->raster_x * 2 > camera->width) + 2u * (x->raster_y * 2 > camera->height);
-    return (length * 64 + pattern) * 4 + quarter;
+    double q = 1, cosine = 1;
+    for (int i = 1; i < x->k; i++)
+        if (x->v[i].mode != MODE_NONE) { specular += specular < 3; q *= x->v[i].s.q; }
+    int turned, m = caustic_suffix(x);
+    if (m >= 0) cosine = fabs(dot(x->v[m].to_lens, x->v[m].point.surface.ng));
+    else if ((m = lens_suffix(x, &turned)) >= 0)
+        for (int i = m + 1; i < x->k; i++)
+            if (x->v[i].mode == MODE_NONE) cosine *= fabs(dot(x->v[i - 1].to_lens, x->v[i].point.surface.ng));
+    double near = length(sub(x->v[x->k].point.p, x->v[x->k - 1].point.p)), far = length(sub(x->v[1].point.p, x->v[0].point.p));
+    class[0] = FAMILY_IMAGE + (length8 * 64 + pattern) * 4 + quarter;
+    class[1] = FAMILY_LENGTH + length16 * 4 + quarter;
+    class[2] = FAMILY_MODE + pattern * 4 + (q > 0.9 ? 3u : q > 0.5 ? 2u : q > 0.05 ? 1u : 0u);
+    class[3] = FAMILY_COSINE + (length8 * 4 + specular) * 4 + balance_bin(cosine, 4, 4);
+    class[4] = FAMILY_NEAR + specular * 64 + balance_bin(log2(near) + 5, 8, 64);
+    class[5] = FAMILY_FAR + specular * 64 + balance_bin(log2(far) + 5, 8, 64);
 }
 
-typedef struct { const Space *space; double *now; } BalanceRecord;
-static inline void balance_record(void *context, const Path *x, double weight)
+/* ---- starts ---- */
+
+/* f* over the density of a bidirectional sample, all techniques together, from the path alone: the sampler lets a subpath go on
+ * from a vertex with the probability bsdf_albedo. */
+static inline double balance_bdpt_weight(const Path *x)
 {
-    BalanceRecord *r = context;
-    r->now[balance_class(r->space, x)] += weight;
+    double sum = path_inv_C(x, -1), grown = 1;
+    for (int e = 0; e <= x->k; e++) {              /* path_routes with survival */
+        double before = e > 1 ? bsdf_albedo(&x->v[e - 1].point.surface) : 1, after = e + 1 < x->k ? bsdf_albedo(&x->v[e + 1].point.surface) : 1;
+        grown *= path_inv_S_lens(x, e - 1) * before;
+        sum = sum * path_inv_S_light(x, e + 1) * after + grown * path_inv_C(x, e);
+    }
+    return x->chi / sum;
 }
 
-typedef struct { Candidate all[512]; int n; double sum; } BalanceCandidates;
+/* The direction in which the light's middle is seen from a point, through the smooth refracting surface that lies on the straight way. */
+static inline Vec3 balance_aim(const Space *space, const Starts *starts, const Point *from)
+{
+    Vec3 straight = normalize(sub(starts->aim, from->p)), bent;
+    Point crossed;
+    if (!scene_trace(space->scene, from, straight, &crossed)) return straight;
+    return bsdf_follow(&crossed.surface, normalize(sub(starts->aim, crossed.p)), MODE_REFRACT, &bent) ? neg(bent) : straight;
+}
+
+/* f* over the density of an aimed start; 0 if the path is none. */
+static inline double balance_aimed_weight(const Space *space, const Starts *starts, const Path *x)
+{
+    int d = x->k - 1;
+    while (d > 0 && x->v[d].mode != MODE_NONE) d--;
+    if (d < 2) return 0;
+    double inverse = x->v[0].s.inv_F;
+    for (int i = 1; i < x->k; i++)
+        if (i != d) {
+            if (x->v[i].mode == MODE_NONE) return 0;
+            inverse *= x->v[i].s.inv_S_light;
+        }
+    Vec3 w = neg(x->v[d - 1].to_lens);
+    if (dot(w, balance_aim(space, starts, &x->v[d].point)) < cos(starts->cone)) return 0;
+    double pdf_w = 1 / (2 * PI * (1 - cos(starts->cone)));
+    return x->chi / (inverse * x->v[d].s.inv_F * pdf_w / fabs(dot(w, x->v[d].point.surface.ng)));
+}
+
+static inline bool balance_aimed_start(const Space *space, const Starts *starts, Rng *rng, Path *x)
+{
+    int i = x->k = MAX_EDGES;                      /* grown at the far end of the array, as in the lens subpath mutation */
+    path_grow_to_light(space, x, i + 1, rng);
+    while (i > MAX_EDGES - space->max_depth) {
+        if (!path_grow_to_light(space, x, i, rng)) return false;
+        if (!material_is_specular(x->v[--i].point.surface.material)) break;
+    }
+    int d = i;
+    if (d == MAX_EDGES - space->max_depth || material_is_specular(x->v[d].point.surface.material)) return false;
+    double c = 1 - rng_double(rng) * (1 - cos(starts->cone)), phi = 2 * PI * rng_double(rng), r = sqrt(fmax(0, 1 - c * c));
+    Vec3 aim = balance_aim(space, starts, &x->v[d].point), a, b;
+    frame(aim, &a, &b);
+    Vec3 w = along(along(scale(c, aim), r * cos(phi), a), r * sin(phi), b);
+    x->v[d].mode = x->v[d - 1].mode = MODE_NONE;
+    if (!scene_trace(space->scene, &x->v[d].point, w, &x->v[d - 1].point) || !path_edge(x, d - 1)) return false;
+    for (i = d - 1; i > MAX_EDGES - space->max_depth && material_is_specular(x->v[i].point.surface.material); i--)
+        if (!path_grow_to_light(space, x, i, rng)) return false;
+    if (i == d - 1 || !material_emits(x->v[i].point.surface.material)) return false;
+    x->k = MAX_EDGES - i;
+    memmove(x->v, x->v + i, (size_t)(x->k + 1) * sizeof x->v[0]);
+    return path_evaluate(space, x) && x->chi > 0;
+}
+
+/* The weight of a path as a start; a path is tested if this is positive and below the cap. */
+static inline double balance_weight(const Space *space, const Starts *starts, const Path *x)
+{
+    return starts->kind == START_AIMED ? balance_aimed_weight(space, starts, x) : balance_bdpt_weight(x);
+}
+
+typedef struct { double cap, sum, left_out; Candidate all[1024]; int n; } BalanceCandidates;
 static inline void balance_collect(void *context, const Candidate *c)
 {
     BalanceCandidates *all = context;
-    if (all->n < 512) all->all[all->n++] = *c;
+    if (c->weight > all->cap) { all->left_out += c->weight; return; }
+    if (all->n == 1024) return;
+    all->all[all->n++] = *c;
     all->sum += c->weight;
 }
 
-/* n bidirectional samples; each is started from with probability min(1, W/threshold), and weighs max(W, threshold) then. */
-static inline Balance balance_run(const Space *space, const Sampler *sampler, uint64_t n, uint64_t steps, uint64_t seed)
+/* ---- the run ---- */
+
+typedef struct {
+    const Space *space;
+    const Starts *starts;
+    double now[BALANCE_CLASSES], total;
+    unsigned touched[1024];
+    int n;
+} BalanceRecord;
+
+static inline void balance_add(BalanceRecord *r, const Path *x, double weight)
 {
-    Balance result = { 0 };
-    Bdpt *bdpt = bdpt_new();
-    Path *x = malloc(sizeof *x), *y = malloc(sizeof *y);
-    double *sum = calloc(BALANCE_CLASSES, sizeof *sum), *square = calloc(BALANCE_CLASSES, sizeof *square), now[BALANCE_CLASSES];
-    uint32_t *hits = calloc(BALANCE_CLASSES, sizeof *hits);
-    BalanceCandidates *all = malloc(sizeof *all);
-    memset(now, 0, sizeof now);
-    BalanceRecord record = { space, now };
-    double threshold = 0, b = 0;
-    Bootstrap boot;
-    if (bootstrap_run(&boot, space, bdpt, 20000, seed, 1)) { threshold = boot.b * 2; bootstrap_free(&boot); }
-    const Camera *camera = &space->scene->camera;
-    for (uint64_t i = 0; i < n; i++) {
-        Rng rng = rng_new(seed, i + 1000000);
-        all->n = 0;
-        all->sum = 0;
-        double u = rng_double(&rng), v = rng_double(&rng);
-        bdpt_sample(bdpt, space, u * camera->width, v * camera->height, &rng, balance_collect, all);
-        b += all->sum / (double)n;
-        if (all->n == 0 || rng_double(&rng) * threshold >= all->sum) continue;
-        double W = fmax(all->sum, threshold), left = rng_double(&rng) * all->sum;
-        int c = 0;
-        while (c < all->n - 1 && left >= all->all[c].weight) left -= all->all[c++].weight;
-        if (!bdpt_path(bdpt, space, all->all[c].n_light, all->all[c].n_lens, x) || !(x->chi > 0)) { result.bad++; continue; }
-        unsigned start = balance_class(space, x);
-        now[start] -= (double)steps;
-        chain_run(space, sampler, x, y, steps, &rng, balance_record, &record, &result.count);
-        result.starts++;
-        for (unsigned k = 0; k < BALANCE_CLASSES; k++)
-            if (now[k] != 0) {
-                double d = W * now[k] / (double)steps;
-                sum[k] += d;
-                square[k] += d * d;
-                hits[k]++;
-                now[k] = 0;
-            }
+    unsigned class[BALANCE_FAMILIES];
+    balance_classes(r->space, x, class);
+    for (int i = 0; i < BALANCE_FAMILIES; i++) {
+        r->now[class[i]] += weight;
+        if (r->n < 1024) r->touched[r->n++] = class[i];
     }
-    for (unsigned k = 0; k < BALANCE_CLASSES; k++) {
-        if (hits[k] < 400) continue;
-        double z = fabs(sum[k]) / sqrt(square[k]);
-        result.classes++;
-        if (z > result.worst_z || isnan(z)) {
-            result.worst_z = z;
-            result.worst_class = k;
-            result.worst_difference = sum[k] / (double)n / b;
+}
+
+static inline void balance_record(void *context, const Path *x, double weight)
+{
+    BalanceRecord *r = context;
+    double W = balance_weight(r->space, r->starts, x);
+    if (!(W > 0) || W > r->starts->cap) return;
+    balance_add(r, x, weight);
+    r->total += weight;
+}
+
+/* 'samples' tries for a start; from each start 'steps' steps (at most 40) with each subject. */
+static inline Balance balance_run(const Space *space, Starts starts, Subject *subject, int subjects, uint64_t samples, uint64_t steps, uint64_t seed)
+{
+    Balance result = { .samples = samples };
+    Bdpt *bdpt = bdpt_new();
+    Path *start = malloc(sizeof *start), *x = malloc(sizeof *x), *y = malloc(sizeof *y);
+    BalanceCandidates *found = malloc(sizeof *found);
+    BalanceRecord *record = calloc(1, sizeof *record);
+    const Camera *camera = &space->scene->camera;
+    double left_out = 0;
+    Rng lights = rng_new(seed, 1);
+    for (int i = 0; i < 1024; i++) {
+        Point light;
+        scene_sample_light(space->scene, &lights, &light);
+        starts.aim = along(starts.aim, 1.0 / 1024, light.p);
+    }
+    *record = (BalanceRecord){ .space = space, .starts = &starts };
+    for (uint64_t i = 0; i < samples; i++) {
+        Rng rng = rng_new(seed, i + 1000000);
+        double W;
+        if (starts.kind == START_AIMED) {
+            if (!balance_aimed_start(space, &starts, &rng, start)) continue;
+            W = balance_weight(space, &starts, start);
+            if (W > starts.cap) { left_out += W; continue; }
+            result.b += W;
+            if (rng_double(&rng) * starts.threshold >= W) continue;
+        } else {
+            found->cap = starts.cap;
+            found->sum = found->left_out = found->n = 0;
+            double u = rng_double(&rng), v = rng_double(&rng);
+            bdpt_sample(bdpt, space, u * camera->width, v * camera->height, &rng, balance_collect, found);
+            left_out += found->left_out;
+            W = found->sum;
+            result.b += W;
+            if (found->n == 0 || rng_double(&rng) * starts.threshold >= W) continue;
+            double left = rng_double(&rng) * W;
+            int c = 0;
+            while (c < found->n - 1 && left >= found->all[c].weight) left -= found->all[c++].weight;
+            if (!bdpt_path(bdpt, space, found->all[c].n_light, found->all[c].n_lens, start) || !(start->chi > 0)) { result.bad++; continue; }
+            result.weight_error = fmax(result.weight_error, fabs(balance_weight(space, &starts, start) / found->all[c].weight - 1));
+        }
+        W = fmax(W, starts.threshold);
+        result.starts++;
+        for (int s = 0; s < subjects; s++) {
+            Subject *me = &subject[s];
+            bool applies = false;
+            for (int r = 0; r < me->sampler.rows; r++) applies |= me->sampler.share[r] > 0 && me->sampler.table[r].applies(space, start);
+            if (!applies) continue;                /* the state would stay: nothing flows */
+            Rng own = rng_new(seed + 1 + (uint64_t)s, i);
+            path_copy(x, start);
+            record->n = 0;
+            record->total = 0;
+            chain_run(space, &me->sampler, x, y, steps, &own, balance_record, record, &me->count);
+            balance_add(record, start, -record->total);
+            bool moved = false;
+            for (int t = 0; t < record->n; t++) {
+                unsigned k = record->touched[t];
+                double d = W * record->now[k] / (double)steps;
+                if (d == 0) continue;
+                record->now[k] = 0;
+                moved = true;
+                me->sum[k] += d;
+                me->square[k] += d * d;
+                me->largest[k] = fmax(me->largest[k], d * d);
+            }
+            me->starts += moved;
         }
     }
-    result.bad += result.count.bad;
-    free(x); free(y); free(sum); free(square); free(hits); free(all);
+    result.left_out = left_out / (left_out + result.b);
+    result.b /= (double)samples;
+    for (int s = 0; s < subjects; s++) {
+        Subject *me = &subject[s];
+        for (unsigned k = 0; k < BALANCE_CLASSES; k++) {
+            if (!(me->square[k] > BALANCE_ENOUGH * me->largest[k])) continue;
+            double z = fabs(me->sum[k]) / sqrt(me->square[k]);
+            me->classes++;
+            if (z > me->z) {
+                me->z = z;
+                me->worst_class = k;
+                me->difference = me->sum[k] / (double)samples / result.b;
+            }
+        }
+        if (me->count.bad > 0) me->z = INFINITY;
+    }
     bdpt_free(bdpt);
+    free(start); free(x); free(y); free(found); free(record);
     return result;
+}
+
+/* |z| that one of so many comparisons passes by chance with probability 'alarm' */
+static inline double balance_limit(double comparisons, double alarm)
+{
+    double low = 0, high = 30;
+    while (high - low > 1e-6) {
+        double z = (low + high) / 2;
+        if (comparisons * erfc(z / sqrt(2)) > alarm) low = z;
+        else high = z;
+    }
+    return high;
 }
 #endif

@@ -1,0 +1,797 @@
+/* Ray queries against triangles: a binary tree built by the binned surface area heuristic, collapsed to nodes of eight children.
+ *
+ * Sources: Wald, On fast construction of SAH-based bounding volume hierarchies (binning); Stich, Friedrich, Dietrich, Spatial splits in
+ * bounding volume hierarchies; Wald, Benthin, Boulos, Getting rid of packets (wide nodes for single rays); Woop, Benthin, Wald,
+ * Watertight ray/triangle intersection.
+ *
+ * Why no ray slips through: each triangle is projected along the ray to a plane, where a vertex lands on the same point whichever triangle
+ * it is reached by, and an edge's side is the sign of fl(fl(ab) - fl(cd)), which two triangles see exactly opposite or both as zero, and
+ * zero counts as inside. Boxes are widened by more than the rounding errors of box and triangle test together (see begin).
+ * That holds only while ab - cd is not contracted to a fused multiply-add: compile as -std=c11, not gnu11.
+ *
+ * Must not know: materials, paths, meshes beyond vertices and indices. */
+#ifdef __linux__
+#define _DEFAULT_SOURCE
+#include <sys/mman.h>
+#endif
+#include "bvh.h"
+#include <float.h>
+#include <stdlib.h>
+#include <string.h>
+#ifdef __AVX2__
+#include <immintrin.h>
+#endif
+
+enum { WIDTH = 8, GROUP = 4, UNIT = 32, MAX_DEPTH = 64, STACK = (WIDTH - 1) * MAX_DEPTH + WIDTH };
+
+/* A child is the place of a Node or a Group in units of 32 bytes, times two, plus one if it is a Group. */
+typedef uint32_t Child;
+
+/* bound[2*axis] are the low sides, bound[2*axis+1] the high ones; an unused slot has low = +inf, high = -inf. */
+typedef struct { float bound[6][WIDTH]; Child child[WIDTH]; } Node;
+
+/* Four triangles: vertex[corner][axis][lane]. An unused lane is a single point, which is never hit. */
+typedef struct { float vertex[3][3][GROUP]; uint32_t id[GROUP]; } Group;
+
+struct Bvh {
+    unsigned char *tree;               /* nodes and groups, aligned to UNIT */
+    void *allocation;
+    size_t bytes;
+    Child root;
+    double reach;                      /* largest absolute coordinate */
+    double low[3], high[3];
+};
+
+/* ---- ray queries ---- */
+
+
+/* What the traversal needs of a ray. Within it, t is measured along the largest component of the direction, called axis z of the shear. */
+typedef struct {
+    float inverse[3], near_offset[3], far_offset[3];
+    unsigned near_side[3];             /* row of Node.bound that is met first */
+    unsigned x, y, z;                  /* axes of the mesh that play x, y, z */
+    float origin[3];                   /* in the order x, y, z */
+    float rest_x, rest_y;              /* what rounding the origin to float left out, sheared */
+    float shear_x, shear_y, sign;
+    float t_max;
+    uint32_t skip[2];
+    double t_shift, t_scale;           /* the ray's own t = (t + t_shift) * t_scale */
+} Walk;
+
+typedef struct { float t[GROUP], u[GROUP], v[GROUP]; } Lanes;
+
+#ifdef __AVX2__
+/* Which children the ray meets before t_max, and from what t on. */
+static inline unsigned meet_children(const Node *node, const Walk *w, float t_max, float near[WIDTH])
+{
+    __m256 t0 = _mm256_setzero_ps(), t1 = _mm256_set1_ps(t_max);
+    for (unsigned a = 0; a < 3; a++) {
+        __m256 inverse = _mm256_set1_ps(w->inverse[a]);
+        t0 = _mm256_max_ps(_mm256_fmadd_ps(_mm256_loadu_ps(node->bound[w->near_side[a]]), inverse, _mm256_set1_ps(w->near_offset[a])), t0);
+        t1 = _mm256_min_ps(_mm256_fmadd_ps(_mm256_loadu_ps(node->bound[w->near_side[a] ^ 1]), inverse, _mm256_set1_ps(w->far_offset[a])), t1);
+    }
+    _mm256_storeu_ps(near, t0);
+    return (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(t0, t1, _CMP_LE_OQ));
+}
+
+/* Which triangles the ray meets before t_max; where, is written only if there is one. */
+static inline unsigned meet_triangles(const Group *group, const Walk *w, float t_max, Lanes *at)
+{
+    __m128 ox = _mm_set1_ps(w->origin[0]), oy = _mm_set1_ps(w->origin[1]), oz = _mm_set1_ps(w->origin[2]);
+    __m128 sx = _mm_set1_ps(w->shear_x), sy = _mm_set1_ps(w->shear_y), rx = _mm_set1_ps(w->rest_x), ry = _mm_set1_ps(w->rest_y);
+    __m128 x[3], y[3], z[3];
+    for (int i = 0; i < 3; i++) {
+        z[i] = _mm_sub_ps(_mm_loadu_ps(group->vertex[i][w->z]), oz);
+        x[i] = _mm_fnmadd_ps(sx, z[i], _mm_sub_ps(_mm_sub_ps(_mm_loadu_ps(group->vertex[i][w->x]), ox), rx));
+        y[i] = _mm_fnmadd_ps(sy, z[i], _mm_sub_ps(_mm_sub_ps(_mm_loadu_ps(group->vertex[i][w->y]), oy), ry));
+    }
+    __m128 a = _mm_sub_ps(_mm_mul_ps(x[2], y[1]), _mm_mul_ps(y[2], x[1]));
+    __m128 b = _mm_sub_ps(_mm_mul_ps(x[0], y[2]), _mm_mul_ps(y[0], x[2]));
+    __m128 c = _mm_sub_ps(_mm_mul_ps(x[1], y[0]), _mm_mul_ps(y[1], x[0]));
+    __m128 sum = _mm_add_ps(a, _mm_add_ps(b, c)), flip = _mm_and_ps(sum, _mm_set1_ps(-0.0f));
+    a = _mm_xor_ps(a, flip); b = _mm_xor_ps(b, flip); c = _mm_xor_ps(c, flip); sum = _mm_xor_ps(sum, flip);
+    __m128 t = _mm_mul_ps(_mm_fmadd_ps(a, z[0], _mm_fmadd_ps(b, z[1], _mm_mul_ps(c, z[2]))), _mm_set1_ps(w->sign));
+    __m128 inside = _mm_cmpge_ps(_mm_min_ps(a, _mm_min_ps(b, c)), _mm_setzero_ps());
+    __m128 between = _mm_and_ps(_mm_cmpgt_ps(t, _mm_setzero_ps()), _mm_cmplt_ps(t, _mm_mul_ps(_mm_set1_ps(t_max), sum)));
+    __m128 meets = _mm_and_ps(inside, between);
+    unsigned mask = (unsigned)_mm_movemask_ps(meets);
+    if (!mask) return 0;
+    __m128i id = _mm_loadu_si128((const __m128i *)(const void *)group->id);
+    __m128i skip = _mm_or_si128(_mm_cmpeq_epi32(id, _mm_set1_epi32((int)w->skip[0])), _mm_cmpeq_epi32(id, _mm_set1_epi32((int)w->skip[1])));
+    _mm_storeu_ps(at->t, _mm_div_ps(t, sum));
+    _mm_storeu_ps(at->u, _mm_div_ps(b, sum));
+    _mm_storeu_ps(at->v, _mm_div_ps(c, sum));
+    return mask & ~(unsigned)_mm_movemask_ps(_mm_castsi128_ps(skip));
+}
+
+static inline unsigned lowest(unsigned mask) { return (unsigned)_tzcnt_u32(mask); }
+static inline void prefetch_line(const void *p) { _mm_prefetch((const char *)p, _MM_HINT_T0); }
+#else
+static inline float least(float a, float b) { return a < b ? a : b; }
+static inline float greatest(float a, float b) { return a > b ? a : b; }
+
+static inline unsigned meet_children(const Node *node, const Walk *w, float t_max, float near[WIDTH])
+{
+    float far[WIDTH];
+    for (int i = 0; i < WIDTH; i++) { near[i] = 0; far[i] = t_max; }
+    for (unsigned a = 0; a < 3; a++) {
+        const float *first = node->bound[w->near_side[a]], *second = node->bound[w->near_side[a] ^ 1];
+        float inverse = w->inverse[a], n = w->near_offset[a], f = w->far_offset[a];
+        for (int i = 0; i < WIDTH; i++) {
+            near[i] = greatest(first[i] * inverse + n, near[i]);
+            far[i] = least(second[i] * inverse + f, far[i]);
+        }
+    }
+    unsigned mask = 0;
+    for (int i = 0; i < WIDTH; i++) mask |= (unsigned)(near[i] <= far[i]) << i;
+    return mask;
+}
+
+static inline unsigned meet_triangles(const Group *group, const Walk *w, float t_max, Lanes *at)
+{
+    float x[3][GROUP], y[3][GROUP], z[3][GROUP], a[GROUP], b[GROUP], c[GROUP], sum[GROUP], t[GROUP];
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < GROUP; i++) {
+            z[k][i] = group->vertex[k][w->z][i] - w->origin[2];
+            x[k][i] = group->vertex[k][w->x][i] - w->origin[0] - w->rest_x - w->shear_x * z[k][i];
+            y[k][i] = group->vertex[k][w->y][i] - w->origin[1] - w->rest_y - w->shear_y * z[k][i];
+        }
+    int meets[GROUP], any = 0;
+    for (int i = 0; i < GROUP; i++) {
+        /* one product a statement: a compiler may not fuse across them */
+        float a0 = x[2][i] * y[1][i], a1 = y[2][i] * x[1][i];
+        float b0 = x[0][i] * y[2][i], b1 = y[0][i] * x[2][i];
+        float c0 = x[1][i] * y[0][i], c1 = y[1][i] * x[0][i];
+        float d = (a0 - a1) + ((b0 - b1) + (c0 - c1)), flip = d < 0 ? -1.0f : 1.0f;
+        a[i] = (a0 - a1) * flip; b[i] = (b0 - b1) * flip; c[i] = (c0 - c1) * flip; sum[i] = d * flip;
+        t[i] = (a[i] * z[0][i] + b[i] * z[1][i] + c[i] * z[2][i]) * w->sign;
+        meets[i] = (least(a[i], least(b[i], c[i])) >= 0) & (t[i] > 0) & (t[i] < t_max * sum[i]);
+        any |= meets[i];
+    }
+    if (!any) return 0;
+    unsigned mask = 0;
+    for (int i = 0; i < GROUP; i++) {
+        at->t[i] = t[i] / sum[i]; at->u[i] = b[i] / sum[i]; at->v[i] = c[i] / sum[i];
+        mask |= (unsigned)(meets[i] & (group->id[i] != w->skip[0]) & (group->id[i] != w->skip[1])) << i;
+    }
+    return mask;
+}
+
+static inline unsigned lowest(unsigned mask)
+{
+    unsigned i = 0;
+    while (!(mask >> i & 1)) i++;
+    return i;
+}
+
+static inline void prefetch_line(const void *p) { (void)p; }
+#endif
+
+static inline const Node *node_at(const Bvh *bvh, Child c) { return (const Node *)(const void *)(bvh->tree + (size_t)(c >> 1) * UNIT); }
+static inline const Group *group_at(const Bvh *bvh, Child c) { return (const Group *)(const void *)(bvh->tree + (size_t)(c >> 1) * UNIT); }
+
+/* Four lines hold a node, three a group. Worth a quarter of the time of closest hits in large trees. */
+static inline void prefetch(const Bvh *bvh, Child c)
+{
+    const unsigned char *p = bvh->tree + (size_t)(c >> 1) * UNIT;
+    for (int line = 0; line < 4; line++) prefetch_line(p + 64 * line);
+}
+
+/* Moves an origin that is far off to near the mesh, in double, so that float suffices from there on. False if the ray misses the mesh.
+ * d is scaled to a largest component of one; the parameters are along it. */
+static bool approach(const Bvh *bvh, double o[3], const double d[3], double *t_shift)
+{
+    double enter = 0, leave = DBL_MAX, margin = bvh->reach * 1e-3;
+    for (int a = 0; a < 3; a++) {
+        double slack = margin + 1e-14 * fabs(o[a]), low = bvh->low[a] - slack - o[a], high = bvh->high[a] + slack - o[a];
+        if (d[a] == 0) {
+            if (low > 0 || high < 0) return false;
+            continue;
+        }
+        double t0 = low / d[a], t1 = high / d[a];
+        enter = fmax(enter, fmin(t0, t1));
+        leave = fmin(leave, fmax(t0, t1));
+    }
+    if (!(enter <= leave)) return false;
+    *t_shift = enter;
+    for (int a = 0; a < 3; a++) o[a] += enter * d[a];
+    return true;
+}
+
+/* Prepares a ray; false if it cannot hit anything. */
+static inline bool begin(const Bvh *bvh, const Ray *ray, Walk *w)
+{
+    double o[3] = { ray->origin.x, ray->origin.y, ray->origin.z }, d[3] = { ray->direction.x, ray->direction.y, ray->direction.z };
+    double ax = fabs(d[0]), ay = fabs(d[1]), az = fabs(d[2]);
+    unsigned z = ax > ay ? (ax > az ? 0 : 2) : (ay > az ? 1 : 2), x = z == 2 ? 0 : z + 1, y = x == 2 ? 0 : x + 1;
+    w->t_scale = 1 / larger(ax, larger(ay, az));
+    for (int a = 0; a < 3; a++) d[a] *= w->t_scale;
+    w->t_shift = 0;
+    double far = larger(fabs(o[0]), larger(fabs(o[1]), fabs(o[2])));
+    if (far > 4 * bvh->reach) {
+        if (!approach(bvh, o, d, &w->t_shift)) return false;
+        far = larger(fabs(o[0]), larger(fabs(o[1]), fabs(o[2])));
+    }
+    double t_max = ray->t_max * larger(ax, larger(ay, az)) - w->t_shift;
+    if (!(t_max > 0)) return false;
+    w->t_max = t_max < (double)FLT_MAX ? (float)t_max : FLT_MAX;
+
+    /* Rounding moves a plane's t by at most 3 e (|o| + |plane|) / |d|, where e = 2^-24, and the triangle test moves a hit by at most some
+     * 8 e (|o| + |vertex|); the boxes are widened by more than the sum, for free: it hides in the offsets. */
+    double widen = 14 * 0x1p-24 * (far + bvh->reach);
+    for (int a = 0; a < 3; a++) {
+        /* A component of (almost) zero is replaced: over the mesh's size the ray moves by much less than boxes are widened. */
+        double inverse = 1 / (fabs(d[a]) > 1e-12 ? d[a] : copysign(1e-12, d[a]));
+        w->inverse[a] = (float)inverse;
+        w->near_offset[a] = (float)(-o[a] * inverse - widen * fabs(inverse));
+        w->far_offset[a] = (float)(-o[a] * inverse + widen * fabs(inverse));
+        w->near_side[a] = 2 * (unsigned)a + (inverse < 0);
+    }
+    w->x = x; w->y = y; w->z = z;
+    w->sign = d[z] < 0 ? -1.0f : 1.0f;
+    double shear_x = d[x] / d[z], shear_y = d[y] / d[z];
+    w->shear_x = (float)shear_x; w->shear_y = (float)shear_y;
+    w->origin[0] = (float)o[x]; w->origin[1] = (float)o[y]; w->origin[2] = (float)o[z];
+    double rest_z = o[z] - (double)w->origin[2];
+    w->rest_x = (float)(o[x] - (double)w->origin[0] - shear_x * rest_z);
+    w->rest_y = (float)(o[y] - (double)w->origin[1] - shear_y * rest_z);
+    w->skip[0] = ray->skip[0]; w->skip[1] = ray->skip[1];
+    return true;
+}
+
+/* Stack entries compare by their t, which is not negative, so that its bits are in its order. */
+static inline uint64_t entry(float near, Child child)
+{
+    uint32_t bits;
+    memcpy(&bits, &near, sizeof bits);
+    return (uint64_t)bits << 32 | child;
+}
+
+static inline float entry_near(uint64_t e)
+{
+    uint32_t bits = (uint32_t)(e >> 32);
+    float near;
+    memcpy(&near, &bits, sizeof near);
+    return near;
+}
+
+bool bvh_closest(const Bvh *bvh, const Ray *ray, Hit *hit)
+{
+    Walk w;
+    if (!begin(bvh, ray, &w)) return false;
+    uint64_t stack[STACK];
+    size_t n = 0;
+    float t_max = w.t_max, u = 0, v = 0;
+    uint32_t triangle = BVH_NONE;
+    Child at = bvh->root;
+    for (;;) {
+        if (!(at & 1)) {
+            const Node *node = node_at(bvh, at);
+            float near[WIDTH];
+            unsigned mask = meet_children(node, &w, t_max, near);
+            if (mask) {
+                unsigned i = lowest(mask);
+                mask &= mask - 1;
+                if (!mask) { at = node->child[i]; continue; }
+                unsigned i2 = lowest(mask);
+                mask &= mask - 1;
+                if (!mask) {
+                    uint64_t e0 = entry(near[i], node->child[i]), e1 = entry(near[i2], node->child[i2]);
+                    prefetch(bvh, node->child[i]);
+                    prefetch(bvh, node->child[i2]);
+                    uint64_t hi = e0 < e1 ? e1 : e0, lo = e0 < e1 ? e0 : e1;
+                    stack[n++] = hi;
+                    at = (Child)lo;
+                    continue;
+                }
+                mask |= 1u << i2;
+                size_t base = n;
+                stack[n++] = entry(near[i], node->child[i]);
+                prefetch(bvh, node->child[i]);
+                do {
+                    i = lowest(mask);
+                    mask &= mask - 1;
+                    uint64_t e = entry(near[i], node->child[i]);
+                    prefetch(bvh, node->child[i]);
+                    size_t k = n++;
+                    for (; k > base && stack[k - 1] < e; k--) stack[k] = stack[k - 1];
+                    stack[k] = e;
+                } while (mask);
+                at = (Child)stack[--n];
+                continue;
+            }
+        } else {
+            const Group *group = group_at(bvh, at);
+            Lanes lanes;
+            for (unsigned mask = meet_triangles(group, &w, t_max, &lanes); mask; mask &= mask - 1) {
+                unsigned i = lowest(mask);
+                if (lanes.t[i] < t_max || triangle == BVH_NONE) {
+                    t_max = lanes.t[i]; u = lanes.u[i]; v = lanes.v[i];
+                    triangle = group->id[i];
+                }
+            }
+        }
+        do if (!n) goto done;
+        while (entry_near(stack[--n]) > t_max);
+        at = (Child)stack[n];
+    }
+done:
+    if (triangle == BVH_NONE) return false;
+    *hit = (Hit){ ((double)t_max + w.t_shift) * w.t_scale, (double)u, (double)v, triangle };
+    return true;
+}
+
+bool bvh_any(const Bvh *bvh, const Ray *ray)
+{
+    Walk w;
+    if (!begin(bvh, ray, &w)) return false;
+    Child stack[STACK];
+    size_t n = 0;
+    stack[n++] = bvh->root;
+    while (n) {
+        Child at = stack[--n];
+        if (at & 1) {
+            Lanes lanes;
+            if (meet_triangles(group_at(bvh, at), &w, w.t_max, &lanes)) return true;
+        } else {
+            const Node *node = node_at(bvh, at);
+            float near[WIDTH];
+            for (unsigned mask = meet_children(node, &w, w.t_max, near); mask; mask &= mask - 1) {
+                Child c = node->child[lowest(mask)];
+                prefetch(bvh, c);
+                stack[n++] = c;
+            }
+        }
+    }
+    return false;
+}
+
+/* ---- building ---- */
+
+/* Four floats, of which the box arithmetic uses three. */
+#ifdef __AVX2__
+typedef __m128 Quad;
+static inline Quad q_load(const float *p) { return _mm_loadu_ps(p); }
+static inline void q_store(float *p, Quad a) { _mm_storeu_ps(p, a); }
+static inline Quad q_set(float f) { return _mm_set1_ps(f); }
+static inline Quad q_min(Quad a, Quad b) { return _mm_min_ps(a, b); }
+static inline Quad q_max(Quad a, Quad b) { return _mm_max_ps(a, b); }
+static inline Quad q_add(Quad a, Quad b) { return _mm_add_ps(a, b); }
+static inline Quad q_sub(Quad a, Quad b) { return _mm_sub_ps(a, b); }
+static inline Quad q_mul(Quad a, Quad b) { return _mm_mul_ps(a, b); }
+#else
+typedef struct { float f[4]; } Quad;
+static inline Quad q_load(const float *p) { Quad r; memcpy(r.f, p, sizeof r.f); return r; }
+static inline void q_store(float *p, Quad a) { memcpy(p, a.f, sizeof a.f); }
+static inline Quad q_set(float f) { return (Quad){ { f, f, f, f } }; }
+static inline Quad q_min(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] = least(a.f[i], b.f[i]); return a; }
+static inline Quad q_max(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] = greatest(a.f[i], b.f[i]); return a; }
+static inline Quad q_add(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] += b.f[i]; return a; }
+static inline Quad q_sub(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] -= b.f[i]; return a; }
+static inline Quad q_mul(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] *= b.f[i]; return a; }
+#endif
+
+typedef struct { Quad low, high; } Box;
+
+static inline Box box_empty(void) { return (Box){ q_set(INFINITY), q_set(-INFINITY) }; }
+static inline Box box_join(Box a, Box b) { return (Box){ q_min(a.low, b.low), q_max(a.high, b.high) }; }
+
+/* half the surface area; only of boxes that are not empty */
+static inline float box_area(Box b)
+{
+    float d[4];
+    q_store(d, q_sub(b.high, b.low));
+    return d[0] * d[1] + d[1] * d[2] + d[2] * d[0];
+}
+
+/* A triangle, or the part of one in a box. The fourth float of low holds the triangle's number, that of high is unused. */
+typedef struct { float low[4], high[4]; } Part;
+
+static inline uint32_t part_id(const Part *p) { uint32_t id; memcpy(&id, &p->low[3], sizeof id); return id; }
+static inline Box part_box(const Part *p) { return (Box){ q_load(p->low), q_load(p->high) }; }
+/* Halved before the sum, which cannot overflow then. */
+static inline Quad part_centre(const Part *p) { return q_add(q_mul(q_load(p->low), q_set(0.5f)), q_mul(q_load(p->high), q_set(0.5f))); }
+
+/* A node of the binary tree: children left and left + 1 or, if left is 0, a leaf of the parts first .. first + count - 1. */
+typedef struct { Box box; uint32_t left, first, count; float surface; } Twig;
+
+typedef struct {
+    const float (*position)[3];
+    const uint32_t (*triangle)[3];
+    Part *part;
+    Twig *twig;
+    uint32_t n_twigs;
+    float root_area;
+    unsigned char *tree;               /* NULL while the space is being counted */
+    size_t used;                       /* in units */
+} Builder;
+
+enum { BINS = 32 };
+typedef struct { Box box; uint32_t enter, leave; } Bin;   /* parts whose first, whose last bin this is */
+
+/* Bins over a box: bin = (x - base) * scale, per axis. */
+typedef struct { Quad base, scale; float step[4]; int bins; } Grid;
+
+static Grid grid_over(Box box, int bins)
+{
+    Grid g = { box.low, q_set(0), { 0 }, bins };
+    float extent[4], scale[4] = { 0 };
+    q_store(extent, q_sub(box.high, box.low));
+    for (int a = 0; a < 3; a++)
+        if (extent[a] > 1e-30f && extent[a] < 1e30f) {
+            scale[a] = (float)bins * 0.9999f / extent[a];
+            g.step[a] = 1 / scale[a];
+        }
+    g.scale = q_load(scale);
+    return g;
+}
+
+static inline void grid_bins(const Grid *g, Quad x, int bin[4])
+{
+    float f[4];
+    q_store(f, q_min(q_max(q_mul(q_sub(x, g->base), g->scale), q_set(0)), q_set((float)(g->bins - 1))));
+    for (int a = 0; a < 3; a++) bin[a] = (int)f[a];
+}
+
+static uint32_t groups_of(uint32_t n) { return (n + GROUP - 1) / GROUP; }
+
+/* The best plane between bins by the surface area heuristic, which counts groups. axis < 0: none. */
+typedef struct { float cost; int axis, bin; Box left, right; uint32_t n_left, n_right; } Plane;
+
+static Plane best_plane(Bin bins[3][BINS], const Grid *g)
+{
+    Plane best = { .cost = INFINITY, .axis = -1 };
+    for (int a = 0; a < 3; a++) {
+        if (g->step[a] <= 0) continue;
+        Box right[BINS], left = box_empty();
+        uint32_t n_right[BINS], n_left = 0;
+        right[g->bins - 1] = bins[a][g->bins - 1].box;
+        n_right[g->bins - 1] = bins[a][g->bins - 1].leave;
+        for (int b = g->bins - 2; b > 0; b--) {
+            right[b] = box_join(right[b + 1], bins[a][b].box);
+            n_right[b] = n_right[b + 1] + bins[a][b].leave;
+        }
+        for (int b = 1; b < g->bins; b++) {
+            left = box_join(left, bins[a][b - 1].box);
+            n_left += bins[a][b - 1].enter;
+            if (!n_left || !n_right[b]) continue;
+            float cost = box_area(left) * (float)groups_of(n_left) + box_area(right[b]) * (float)groups_of(n_right[b]);
+            if (cost < best.cost) best = (Plane){ cost, a, b, left, right[b], n_left, n_right[b] };
+        }
+    }
+    return best;
+}
+
+static Plane object_plane(const Part *part, uint32_t n, const Grid *g)
+{
+    Bin bins[3][BINS];
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < g->bins; b++) bins[a][b] = (Bin){ box_empty(), 0, 0 };
+    for (uint32_t i = 0; i < n; i++) {
+        int b[4];
+        grid_bins(g, part_centre(&part[i]), b);
+        Box box = part_box(&part[i]);
+        for (int a = 0; a < 3; a++) {
+            Bin *bin = &bins[a][b[a]];
+            bin->box = box_join(bin->box, box);
+            bin->enter++;
+            bin->leave++;
+        }
+    }
+    return best_plane(bins, g);
+}
+
+/* Reorders the parts and returns how many are on the first side. */
+static uint32_t divide(Part *part, uint32_t n, const Grid *g, const Plane *plane)
+{
+    uint32_t left = 0, right = n;
+    while (left < right) {
+        int b[4];
+        grid_bins(g, part_centre(&part[left]), b);
+        if (b[plane->axis] < plane->bin) { left++; continue; }
+        Part swap = part[--right];
+        part[right] = part[left];
+        part[left] = swap;
+    }
+    return left;
+}
+
+/* The box of that part of the part which lies between two planes across an axis. */
+static Box clip(const Builder *b, const Part *part, int axis, float from, float to)
+{
+    const uint32_t *t = b->triangle[part_id(part)];
+    Box box = box_empty();
+    for (int k = 0; k < 3; k++) {
+        const float *p = b->position[t[k]], *q = b->position[t[(k + 1) % 3]];
+        float v[4] = { p[0], p[1], p[2], 0 };
+        if (v[axis] >= from && v[axis] <= to) box = box_join(box, (Box){ q_load(v), q_load(v) });
+        for (int side = 0; side < 2; side++) {
+            float at = side ? to : from;
+            if ((p[axis] < at) == (q[axis] < at) || p[axis] == at || q[axis] == at) continue;
+            float f = (at - p[axis]) / (q[axis] - p[axis]);
+            for (int a = 0; a < 3; a++) v[a] = a == axis ? at : p[a] + f * (q[a] - p[a]);
+            box = box_join(box, (Box){ q_load(v), q_load(v) });
+        }
+    }
+    return (Box){ q_max(box.low, q_load(part->low)), q_min(box.high, q_load(part->high)) };
+}
+
+static inline bool box_valid(Box b)
+{
+    float low[4], high[4];
+    q_store(low, b.low);
+    q_store(high, b.high);
+    return low[0] <= high[0] && low[1] <= high[1] && low[2] <= high[2];
+}
+
+static float bin_side(const Grid *g, int axis, int bin)
+{
+    float base[4];
+    q_store(base, g->base);
+    return base[axis] + (float)bin * g->step[axis];
+}
+
+/* The best plane if it may cut through parts [Stich et al.]. */
+static Plane spatial_plane(const Builder *b, const Part *part, uint32_t n, const Grid *g)
+{
+    Bin bins[3][BINS];
+    for (int a = 0; a < 3; a++)
+        for (int k = 0; k < g->bins; k++) bins[a][k] = (Bin){ box_empty(), 0, 0 };
+    for (uint32_t i = 0; i < n; i++) {
+        int first[4], last[4];
+        grid_bins(g, q_load(part[i].low), first);
+        grid_bins(g, q_load(part[i].high), last);
+        for (int a = 0; a < 3; a++) {
+            bins[a][first[a]].enter++;
+            bins[a][last[a]].leave++;
+            for (int k = first[a]; k <= last[a]; k++) {
+                Box box = first[a] == last[a] ? part_box(&part[i])
+                          : clip(b, &part[i], a, k == first[a] ? -INFINITY : bin_side(g, a, k), k == last[a] ? INFINITY : bin_side(g, a, k + 1));
+                if (box_valid(box)) bins[a][k].box = box_join(bins[a][k].box, box);
+            }
+        }
+    }
+    return best_plane(bins, g);
+}
+
+/* Cuts the parts at the plane, unless leaving one whole on one side is cheaper. Pieces are appended: there must be room for them.
+ * Returns how many are on the first side; *n grows by the pieces. */
+static uint32_t cut(const Builder *b, Part *part, uint32_t *n, uint32_t room, const Grid *g, Plane *plane)
+{
+    float at = bin_side(g, plane->axis, plane->bin);
+    uint32_t left = 0, right = *n, end = *n;
+    while (left < right) {
+        Part *p = &part[left];
+        int first[4], last[4];
+        grid_bins(g, q_load(p->low), first);
+        grid_bins(g, q_load(p->high), last);
+        bool is_left = last[plane->axis] < plane->bin, is_right = first[plane->axis] >= plane->bin;
+        if (!is_left && !is_right) {
+            Box l = clip(b, p, plane->axis, -INFINITY, at), r = clip(b, p, plane->axis, at, INFINITY);
+            Box all_left = box_join(plane->left, part_box(p)), all_right = box_join(plane->right, part_box(p));
+            float area_left = box_area(plane->left), area_right = box_area(plane->right);
+            float both = area_left * (float)plane->n_left + area_right * (float)plane->n_right;
+            float on_left = box_area(all_left) * (float)plane->n_left + area_right * (float)(plane->n_right - 1);
+            float on_right = area_left * (float)(plane->n_left - 1) + box_area(all_right) * (float)plane->n_right;
+            if (!box_valid(r) || (on_left <= both && on_left <= on_right) || (end == room && on_left <= on_right)) {
+                is_left = true;
+                plane->left = all_left;
+                plane->n_right--;
+            } else if (!box_valid(l) || on_right <= both || end == room) {
+                is_right = true;
+                plane->right = all_right;
+                plane->n_left--;
+            } else {
+                Part *piece = &part[end++];
+                *piece = *p;
+                uint32_t id = part_id(p);
+                q_store(p->low, l.low); q_store(p->high, l.high);
+                q_store(piece->low, r.low); q_store(piece->high, r.high);
+                memcpy(&p->low[3], &id, sizeof id);
+                memcpy(&piece->low[3], &id, sizeof id);
+                is_left = true;
+            }
+        }
+        if (is_left) { left++; continue; }
+        Part swap = part[--right];
+        part[right] = *p;
+        *p = swap;
+    }
+    *n = end;
+    return left;
+}
+
+static float overlap(Box a, Box b)
+{
+    Box both = { q_max(a.low, b.low), q_min(a.high, b.high) };
+    return box_valid(both) ? box_area(both) : 0;
+}
+
+/* Makes twig[at] the root over part[first .. first + n - 1]; the parts up to first + room are free for pieces. */
+static void grow(Builder *b, uint32_t at, uint32_t first, uint32_t n, uint32_t room, int depth)
+{
+    Twig *twig = &b->twig[at];
+    Part *part = b->part + first;
+    Box box = box_empty(), centres = box_empty();
+    for (uint32_t i = 0; i < n; i++) {
+        Quad c = part_centre(&part[i]);
+        box = box_join(box, part_box(&part[i]));
+        centres = box_join(centres, (Box){ c, c });
+    }
+    *twig = (Twig){ .box = box, .first = first, .count = n };
+    if (n <= GROUP) {
+        double sum = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            const uint32_t *t = b->triangle[part_id(&part[i])];
+            Vec3 p = from_float(b->position[t[0]]);
+            sum += 0.5 * length(cross(sub(from_float(b->position[t[1]]), p), sub(from_float(b->position[t[2]]), p)));
+        }
+        twig->surface = (float)sum;
+        return;
+    }
+    /* Halving is enough once what remains would only fit so; it bounds recursion and the stack of the traversal. */
+    int levels = 0;
+    while (n >> levels) levels++;
+    uint32_t left = n / 2, total = n;
+    if (depth + levels < MAX_DEPTH) {
+        Grid grid = grid_over(centres, n < 64 ? 8 : 16);
+        Plane plane = object_plane(part, n, &grid);
+        bool done = false;
+        if (room > n && (plane.axis < 0 || overlap(plane.left, plane.right) > b->root_area * 1e-3f)) {
+            Grid space = grid_over(box, 16);
+            Plane spatial = spatial_plane(b, part, n, &space);
+            if (spatial.cost < 0.9f * plane.cost && spatial.n_left < n && spatial.n_right < n) {
+                left = cut(b, part, &total, room, &space, &spatial);
+                done = left > 0 && left < total;
+                if (!done) left = total / 2;
+            }
+        }
+        if (!done && total == n && plane.axis >= 0) left = divide(part, n, &grid, &plane);
+    }
+    uint32_t right = total - left, spare = (uint32_t)((double)(room - total) * left / total);
+    if (spare) memmove(part + left + spare, part + left, right * sizeof *part);
+    uint32_t child = twig->left = b->n_twigs;
+    b->n_twigs += 2;
+    grow(b, child, first, left, left + spare, depth + 1);
+    grow(b, child + 1, first + left + spare, right, room - left - spare, depth + 1);
+    b->twig[at].surface = b->twig[child].surface + b->twig[child + 1].surface;
+}
+
+static void fill_group(const Builder *b, Group *group, const Twig *twig)
+{
+    memset(group, 0, sizeof *group);
+    for (uint32_t i = 0; i < GROUP; i++) {
+        group->id[i] = BVH_NONE;
+        if (i >= twig->count) continue;
+        group->id[i] = part_id(&b->part[twig->first + i]);
+        for (int k = 0; k < 3; k++)
+            for (int a = 0; a < 3; a++) group->vertex[k][a][i] = b->position[b->triangle[group->id[i]][k]][a];
+    }
+}
+
+static float score(const Twig *t)
+{
+    float a = t->surface / box_area(t->box);
+    return a / (1 + a) / (t->left ? 1 + log2f((float)t->count / GROUP) / 2 : 1);
+}
+
+static size_t take(Builder *b, size_t bytes)
+{
+    size_t at = b->used;
+    b->used += bytes / UNIT;
+    return at;
+}
+
+/* Writes the wide node over a twig, its groups next to it, then the nodes below; or only counts the space. */
+static Child collapse(Builder *b, uint32_t root)
+{
+    uint32_t pick[WIDTH] = { root };
+    int n = 1;
+    while (n < WIDTH) {
+        int widest = -1;
+        float area = 0;
+        for (int i = 0; i < n; i++) {
+            const Twig *t = &b->twig[pick[i]];
+            if (t->left && (widest < 0 || box_area(t->box) > area)) { area = box_area(t->box); widest = i; }
+        }
+        if (widest < 0) break;
+        uint32_t left = b->twig[pick[widest]].left;
+        pick[widest] = left;
+        pick[n++] = left + 1;
+    }
+    for (int i = 1; i < n; i++) {
+        uint32_t p = pick[i];
+        int k = i;
+        for (; k > 0 && score(&b->twig[pick[k - 1]]) > score(&b->twig[p]); k--) pick[k] = pick[k - 1];
+        pick[k] = p;
+    }
+    size_t place = take(b, sizeof(Node));
+    Node *node = b->tree ? (Node *)(void *)(b->tree + place * UNIT) : NULL;
+    if (node)
+        for (int i = 0; i < WIDTH; i++) {
+            float low[4] = { INFINITY, INFINITY, INFINITY }, high[4] = { -INFINITY, -INFINITY, -INFINITY };
+            if (i < n) { q_store(low, b->twig[pick[i]].box.low); q_store(high, b->twig[pick[i]].box.high); }
+            for (int a = 0; a < 3; a++) { node->bound[2 * a][i] = low[a]; node->bound[2 * a + 1][i] = high[a]; }
+            node->child[i] = 0;
+        }
+    for (int i = 0; i < n; i++) {
+        const Twig *t = &b->twig[pick[i]];
+        if (t->left) continue;
+        size_t group = take(b, sizeof(Group));
+        if (!node) continue;
+        node->child[i] = (Child)(group << 1 | 1);
+        fill_group(b, (Group *)(void *)(b->tree + group * UNIT), t);
+    }
+    for (int i = 0; i < n; i++) {
+        if (!b->twig[pick[i]].left) continue;
+        Child child = collapse(b, pick[i]);
+        if (node) node->child[i] = child;
+    }
+    return (Child)(place << 1);
+}
+
+Bvh *bvh_new(const float (*position)[3], const uint32_t (*triangle)[3], uint32_t n, BvhEffort effort)
+{
+    size_t room = effort == BVH_BEST ? n + (size_t)n / 4 : n;
+    if (room > UINT32_MAX / 2 || !n) room = n;
+    Bvh *bvh = calloc(1, sizeof *bvh);
+    Builder b = { .position = position, .triangle = triangle, .n_twigs = 1 };
+    b.part = malloc(sizeof *b.part * (room + 1));
+    b.twig = aligned_alloc(sizeof(Quad), sizeof *b.twig * (2 * room + 2));
+    if (!bvh || !b.part || !b.twig) goto fail;
+
+    Box all = box_empty();
+    for (uint32_t i = 0; i < n; i++) {
+        Part p;
+        for (int a = 0; a < 3; a++) {
+            float f[3] = { position[triangle[i][0]][a], position[triangle[i][1]][a], position[triangle[i][2]][a] };
+            p.low[a] = fminf(f[0], fminf(f[1], f[2]));
+            p.high[a] = fmaxf(f[0], fmaxf(f[1], f[2]));
+        }
+        memcpy(&p.low[3], &i, sizeof i);
+        p.high[3] = 0;
+        b.part[i] = p;
+        all = box_join(all, part_box(&p));
+    }
+    if (n) {
+        float low[4], high[4];
+        q_store(low, all.low);
+        q_store(high, all.high);
+        for (int a = 0; a < 3; a++) {
+            bvh->low[a] = (double)low[a];
+            bvh->high[a] = (double)high[a];
+            bvh->reach = fmax(bvh->reach, fmax(fabs(bvh->low[a]), fabs(bvh->high[a])));
+        }
+    }
+    if (n) b.root_area = box_area(all);
+    grow(&b, 0, 0, n, (uint32_t)room, 0);
+
+    collapse(&b, 0);
+    bvh->bytes = b.used * UNIT;
+    size_t page = bvh->bytes >> 21 ? (size_t)1 << 21 : 64;
+    bvh->allocation = b.tree = aligned_alloc(page, (bvh->bytes + page - 1) / page * page);
+    if (!b.tree) goto fail;
+#ifdef MADV_HUGEPAGE
+    if (page > 64) madvise(b.tree, (bvh->bytes + page - 1) / page * page, MADV_HUGEPAGE);
+#endif
+    b.used = 0;
+    bvh->tree = b.tree;
+    bvh->root = collapse(&b, 0);
+    free(b.part);
+    free(b.twig);
+    return bvh;
+fail:
+    free(b.part);
+    free(b.twig);
+    free(bvh);
+    return NULL;
+}
+
+void bvh_free(Bvh *bvh)
+{
+    if (!bvh) return;
+    free(bvh->allocation);
+    free(bvh);
+}
+
+size_t bvh_bytes(const Bvh *bvh) { return sizeof *bvh + bvh->bytes; }
