@@ -96,7 +96,7 @@ void chain_run(const Space *space, const Sampler *s, Path *x, Path *y, uint64_t 
                void (*record)(void *, const Path *, double), void *context, ChainCount *count)
 {
     double share_x[MUTATIONS], share_y[MUTATIONS], sum_x = choices(space, s, x, share_x), weight = 0;
-    uint64_t rejected = 0;
+    Path *const given = x;
     for (uint64_t step = 0; step < steps; step++) {
         double a = 0, u = rng_double(rng) * sum_x;
         int i = 0;
@@ -123,7 +123,7 @@ void chain_run(const Space *space, const Sampler *s, Path *x, Path *y, uint64_t 
                     for (int r = 0; r < s->rows; r++) share_x[r] = share_y[r];
                     weight = a;
                     count->row[i].accepted++;
-                    rejected = 0;
+                    count->rejection = 0;
                     count->row[i].outcome[PROPOSED]++;
                     continue;
                 } else record(context, y, a);
@@ -132,8 +132,9 @@ void chain_run(const Space *space, const Sampler *s, Path *x, Path *y, uint64_t 
             count->row[i].zero += outcome != PROPOSED;
         }
         weight += 1 - a;
-        if (++rejected > count->longest_rejection) count->longest_rejection = rejected;
+        if (++count->rejection > count->longest_rejection) count->longest_rejection = count->rejection;
     }
     if (weight > 0) record(context, x, weight);
+    if (x != given) path_copy(given, x);
     count->steps += steps;
 }

@@ -40,11 +40,11 @@ typedef struct {
 Sampler sampler_for(const Scene *scene, unsigned allowed);
 
 typedef struct {
-    uint64_t steps, bad, longest_rejection;
+    uint64_t steps, bad, longest_rejection, rejection;   /* the last: the run of rejections that a chain is in; 0 it when a new one starts */
     struct { uint64_t proposed, accepted, zero, outcome[OUTCOMES]; } row[MUTATIONS];
 } ChainCount;
 
-/* Runs a chain of 'steps' mutations from *x; y is work space. Records every state with the weights of expected values: their sum is 'steps'.
+/* Runs a chain of 'steps' mutations from x and leaves its last state there, so that it can go on; y is work space. Records every state with the weights of expected values: their sum is 'steps'.
  * record(context, path, weight): the path's share of the picture is weight * colour / chi. */
 void chain_run(const Space *space, const Sampler *sampler, Path *x, Path *y, uint64_t steps, Rng *rng,
                void (*record)(void *context, const Path *path, double weight), void *context, ChainCount *count);

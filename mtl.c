@@ -16,6 +16,7 @@
 typedef struct {
     MtlLibrary *library;
     MtlEntry *entry;                   /* the material that the statements are about, NULL = none */
+    bool skip;                         /* whether statements that are about none pass in silence, as a newmtl has said why */
     Notes *notes;
     Text text;
 } Mtl;
@@ -166,13 +167,16 @@ static bool read_map(Mtl *m, char *p)
         char *base = base_name(p, &k);
         if (base != p) path = text_find_file(from, base, k);
     }
-    if (!path) {
-        warn_token(m, "texture not found, Kd is used:", p, n);
-        return true;
+    MtlEntry *e = m->entry;
+    e->map_found = path != NULL;
+    if (!path && (path = malloc(n + 1))) {
+        memcpy(path, p, n);
+        path[n] = 0;
     }
-    free(m->entry->map_kd);
-    m->entry->map_kd = path;
-    m->entry->map_line = m->text.line;
+    if (!path) return false;
+    free(e->map_kd);
+    e->map_kd = path;
+    e->map_line = m->text.line;
     return true;
 }
 
@@ -181,6 +185,7 @@ static bool new_material(Mtl *m, char *p)
     MtlLibrary *library = m->library;
     size_t n = name_length(p);
     m->entry = NULL;
+    m->skip = true;
     if (n == 0) {
         warn(m, "newmtl without a name");
         return true;
@@ -190,7 +195,7 @@ static bool new_material(Mtl *m, char *p)
     uint32_t i = names_add(&library->names, p, n);
     if (i == BVH_NONE) return false;
     if (i < count) {
-        warn_token(m, "material defined again, the first definition counts:", p, n);
+        if (library->entry[i].file + 1 == library->files.n) warn_token(m, "material defined again, the first definition counts:", p, n);
         return true;
     }
     Rgb none = vec3(NAN, NAN, NAN);
@@ -228,6 +233,7 @@ static bool statement(Mtl *m, char *p)
     p = skip_blanks(p + n);
     if (is_word(word, n, "newmtl")) return new_material(m, p);
     MtlEntry *e = m->entry;
+    if (!e && m->skip) return true;
     if (!e) warn(m, "statements that belong to no material");
     else if (is_word(word, n, "Kd")) read_colour(m, p, &e->kd, colour_high);
     else if (is_word(word, n, "Ks")) read_colour(m, p, &e->ks, colour_high);
@@ -417,7 +423,8 @@ bool mtl_material(MtlLibrary *library, uint32_t number, Material *material, Note
     } else {
         m.kd = colour_or(e->kd, 0.6);
         if (phong) m.ks = colour_or(e->ks, 0);
-        if (e->map_kd) {
+        if (e->map_kd && !e->map_found) note_name(notes, file, e->map_line, "texture not found, Kd is used:", e->map_kd, strlen(e->map_kd));
+        if (e->map_found) {
             texture = find_texture(library, e->map_kd, whole, report, notes, file, e->map_line);
             if (!texture) return false;
             if (!texture->image) texture = NULL;

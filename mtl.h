@@ -10,7 +10,8 @@ typedef struct {
     Rgb kd, ks, tf, ke;
     double ns, ni, d, tr;
     int illum;                         /* -1 = not given */
-    char *map_kd;                      /* path of a file that exists, or NULL */
+    char *map_kd;                      /* path of the texture or, if that was not found, the name as written; NULL if there is none */
+    bool map_found;
 } MtlEntry;
 
 /* A picture, scaled so that what it reflects and Ks do not add up to more than 1. */

@@ -300,7 +300,7 @@ static bool use_material(Reader *r, char *p)
     if (r->material == BVH_NONE) return out_of_memory(r);
     if (r->material == before) r->used_line[before] = r->text.line;
     number = find_material(r, r->used.name[r->material]);
-    r->wants_uv = number == BVH_NONE || r->library.entry[number].map_kd;       /* unknown: a later library may have it */
+    r->wants_uv = number == BVH_NONE || r->library.entry[number].map_found;     /* unknown: a later library may have it */
     return true;
 }
 
@@ -398,14 +398,14 @@ static bool read_lines(Reader *r)
             else if (start[0] == 'f' && is_blank(start[1])) {
                 p = read_corners(r, start + 2, &corners);
                 if (p && *p != '\\' && !add_face(r, corners)) return false;
-            } else {
-                if (!joined) text_join(t, start);
-                p = read_other(r, start);
-            }
+            } else if (!joined && text_join(t, start)) {
+                start = skip_blanks(start);
+                continue;
+            } else p = read_other(r, start);
             if (!p) return false;
             next = text_finish_line(t, p);
             if (next) break;
-            if (joined || !text_join(t, start)) return number_error(r, p);
+            if (joined || !text_join(t, start)) return error(r, "a backslash inside a line");
         }
         p = next;
     }

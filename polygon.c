@@ -233,7 +233,7 @@ bool polygon_triangulate(const float (*position)[3], const uint32_t *corner, uin
         }
         return true;
     }
-    Ring r = { .budget = 4000 * (uint64_t)n, .columns = 1 };
+    Ring r = { .budget = 1000 * (uint64_t)n, .columns = 1 };
     while (r.columns < 4096 && (uint64_t)(r.columns + 1) * (r.columns + 1) <= n) r.columns++;
     r.point = malloc(n * sizeof *r.point);
     r.reflex = calloc(3 * (size_t)n, sizeof *r.reflex);

@@ -12,15 +12,28 @@
 
 enum {
     ROUNDS = 16,                   /* after a pilot of a fiftieth of the work */
+    SLICE = 16384,                 /* steps between two looks at the clock */
     STREAM_BITS = 40               /* of a random stream's number, below the round's */
 };
 
 /* Independent samples, row by row: sum and sum of squares of the samples of each pixel, and what light subpaths bring to any pixel. */
 typedef struct {
     double *sum, *square, *light, *light_square;   /* [pixels][3]; light only for bdpt */
+    uint32_t *count;               /* [height] samples in each pixel of a row */
     uint64_t rows;                 /* sampled so far; the pass is rows / height */
     uint64_t rays;
 } Passes;
+
+/* The round under way. Everything that is needed to go on with it after an interruption, but for the bootstrap, which replays. */
+typedef struct {
+    enum { PLAN, CHAINS, DIRECT } phase;
+    double planned, chains;        /* steps, and how many chains share them */
+    double chain, left;            /* the chain under way and the steps it has left; its state is Render.x */
+    Rng rng;                       /* of that chain */
+    uint64_t n_bootstrap;
+    double steps, b, b_variance;   /* done so far; of this round's bootstrap */
+    double deadline, chain_deadline;
+} Round;
 
 struct Render {
     const Scene *scene;
@@ -37,8 +50,9 @@ struct Render {
     float *weight;                 /* two-stage w */
     double steps_sum, steps_square;/* over finished rounds: of steps, and of steps^2 */
     double b_sum, b_variance_sum;  /* over rounds: of steps * b, and of steps^2 * variance of b */
-    double round_steps, round_b, round_b_variance;
-    int round;
+    Round round;
+    uint64_t rounds;               /* begun so far */
+    double rate, samples_rate;     /* steps and bootstrap samples per second; guesses before the pilot */
     double direct_share;           /* rays of direct light per ray of the chains */
     double start_share;            /* rays of the bootstrap per ray of the chains; 0 while unknown */
     double relative_error;
@@ -72,13 +86,15 @@ Render *render_new(const Scene *scene, const Settings *settings)
     } else r->has_direct = true;
     size_t doubles = 3 * r->pixels;
     bool ok = (r->bdpt = bdpt_new()) && (r->x = malloc(sizeof *r->x)) && (r->y = malloc(sizeof *r->y));
-    if (r->has_direct) ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8));
+    if (r->has_direct) ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.count = calloc(scene->camera.height, 4));
     if (settings->integrator == INTEGRATOR_BDPT) ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)
         ok = ok && (r->film = calloc(doubles, 8)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8)) && (r->weight = malloc(r->pixels * sizeof *r->weight));
     if (!ok) { render_free(r); return NULL; }
     r->sampler = sampler_for(scene, settings->strategies);
     r->direct_share = 0.2;
+    r->rate = 1e6;
+    r->samples_rate = 5e4;
     r->relative_error = NAN;
     return r;
 }
@@ -87,7 +103,7 @@ void render_free(Render *r)
 {
     if (!r) return;
     bdpt_free(r->bdpt);
-    void *owned[] = { r->x, r->y, r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square, r->film, r->sum, r->square, r->weight, r };
+    void *owned[] = { r->x, r->y, r->passes.sum, r->passes.square, r->passes.count, r->passes.light, r->passes.light_square, r->film, r->sum, r->square, r->weight, r };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
 }
 
@@ -132,6 +148,7 @@ static void sample_row(Render *r)
         for (size_t i = 0; i < 3; i++) { p->sum[3 * pixel + i] += v[i]; p->square[3 * pixel + i] += v[i] * v[i]; }
     }
     p->rows++;
+    p->count[row]++;
     p->rays += *r->scene->rays - rays;
 }
 
@@ -147,7 +164,7 @@ static Estimate estimate(const Render *r, size_t i)
     const Passes *p = &r->passes;
     if (r->has_direct) {
         uint32_t width = r->scene->camera.width, height = r->scene->camera.height;
-        double n = (double)(p->rows / height) + (i / 3 / width < p->rows % height);
+        double n = p->count[i / 3 / width];
         if (n > 0) e.value = p->sum[i] / n;
         if (n > 1) e.sampled_variance = fmax(0, p->square[i] / n - e.value * e.value) / (n - 1);
         if (p->light && p->rows > 0) {
@@ -156,9 +173,9 @@ static Estimate estimate(const Render *r, size_t i)
             e.sampled_variance += scale * scale * p->light_square[i];
         }
     }
-    double steps = r->steps_sum + r->round_steps;
+    double steps = r->steps_sum + r->round.steps;
     if (r->has_chain && steps > 0) {
-        e.chain = (r->sum[i] + r->round_b * (double)r->pixels * r->film[i]) / steps;
+        e.chain = (r->sum[i] + r->round.b * (double)r->pixels * r->film[i]) / steps;
         e.value += e.chain;
         double share = r->steps_sum > 0 ? r->steps_square / (r->steps_sum * r->steps_sum) : 1;
         if (share < 1) {
@@ -212,7 +229,7 @@ static void learn(Render *r)
             if (r->has_chain) r->weight[pixel] = (float)(mean / (local + 0.05 * mean));
         }
         double values = 3 * (double)r->pixels;
-        bool known = !r->has_chain || r->stats.b == 0 || r->round > 1;
+        bool known = !r->has_chain || r->stats.b == 0 || r->rounds > 1;
         if (known) r->relative_error = sqrt((sampled + chain) / values);
         if (known && r->has_chain && r->stats.b > 0) {
             if (r->has_direct) r->direct_share = best_share(sampled, r->passes.rays, chain, r->stats.chain_rays);
@@ -249,46 +266,106 @@ static void splat_path(void *context, const Path *path, double weight)
     film[2] += scale * path->colour.z;
 }
 
-/* b^, seeds, chains of about 'length' steps until 'steps' are done or the deadline has passed. */
-static bool run_round(Render *r, uint64_t n_bootstrap, double steps, double length, double deadline)
+/* How many chains share a round's steps: as many as the bootstrap has seeds that are worth one, for chains from the same heavy seed would
+ * walk the same ground, and one long chain gets further than they. */
+static double chain_number(const Render *r, const Bootstrap *boot, double steps)
 {
-    double start = clock_now();
-    uint64_t stream = (uint64_t)(r->round + 1) << STREAM_BITS, rays = *r->scene->rays;
-    Bootstrap boot;
-    if (!bootstrap_run(&boot, &r->chain_space, r->bdpt, n_bootstrap, r->settings->seed, stream)) return false;
-    r->round_b = boot.b;
-    r->round_b_variance = boot.b_variance;
-    r->stats.bad_samples += boot.bad;
-    r->stats.bootstrap_samples += boot.n;
-    r->stats.bootstrap_hits += boot.hits;
-    memset(r->film, 0, 3 * r->pixels * sizeof *r->film);
-    r->stats.seconds_start += clock_now() - start;
-    r->stats.start_rays += *r->scene->rays - rays;
-    start = clock_now();
-    rays = *r->scene->rays;
-    Rng picks = rng_new(r->settings->seed, stream - 1);
-    double offset = rng_double(&picks), chains = fmax(1, floor(steps / length + 0.5));
-    for (uint64_t c = 0; (double)c < chains && going(r) && in_time(r, deadline); c++) {
-        /* a chain's share of the steps, so that all together are exactly 'steps' */
-        uint64_t n = (uint64_t)(floor(steps * (double)(c + 1) / chains) - floor(steps * (double)c / chains));
-        if (bootstrap_seed(&boot, &r->chain_space, r->bdpt, even(offset, c, 0), r->x)) {
-            Rng rng = rng_new(r->settings->seed, stream + ((uint64_t)1 << (STREAM_BITS - 1)) + c);
-            chain_run(&r->chain_space, &r->sampler, r->x, r->y, n, &rng, splat_path, r, &r->stats.chain);
-        } else c = (uint64_t)chains, n = (uint64_t)steps;      /* nothing to be found: the round's picture is black */
-        r->round_steps += (double)n;
-    }
-    bootstrap_free(&boot);
-    r->stats.seconds_chain += clock_now() - start;
-    r->stats.chain_rays += *r->scene->rays - rays;
+    const Settings *s = r->settings;
+    if (s->chains > 0) return fmax(1, s->per_pixel > 0 ? floor((double)s->chains * steps / (s->per_pixel * (double)r->pixels) + 0.5) : ceil((double)s->chains / (ROUNDS + 1)));
+    double n = (double)boot->n, mean_square = boot->b_variance * (n - 1) + boot->b * boot->b;
+    double effective = boot->b > 0 ? n * boot->b * boot->b / mean_square : 1;      /* 1 / sum of squared shares */
+    return floor(fmin(fmax(0.5 * effective, 8), fmax(1, steps / 64)));
+}
+
+/* For a round of so many steps: by the share of rays that was found best; at first, and at least where no clock presses, 100000 for the run. */
+static double bootstrap_samples(const Render *r, double steps)
+{
+    double least = r->start_share > 0 && r->settings->seconds > 0 ? 1000 : 100000.0 / (ROUNDS + 1), rays = (double)r->stats.chain_rays / fmax(1, r->steps_sum) * steps;
+    if (r->start_share == 0) return least;
+    return fmax(least, r->start_share * rays * (double)r->stats.bootstrap_samples / (double)r->stats.start_rays);
+}
+
+/* How much the next round is to do, and until when; false if nothing is left. The first is a pilot. */
+static bool plan_round(Render *r)
+{
+    const Settings *s = r->settings;
+    double total = s->per_pixel * (double)r->pixels, left = (double)(ROUNDS + 1) - (double)r->rounds, share = r->rounds == 0 ? 0.02 : 1 / left;
+    Round *round = &r->round;
+    *round = (Round){ .phase = CHAINS, .planned = total > 0 || s->seconds > 0 ? INFINITY : 16 * (double)r->pixels, .deadline = INFINITY, .chain_deadline = INFINITY };
+    if (isinf(round->planned) && left <= 0) return false;
+    if (total > 0) round->planned = floor((total - r->steps_sum) * share + 0.5);
+    double n = 0;
+    if (s->seconds > 0) {
+        double now = clock_now(), time = (s->start + s->seconds - now) * share;
+        if (!(time > 0)) return false;
+        round->deadline = round->chain_deadline = now + time;
+        if (r->has_direct) round->chain_deadline -= time * r->direct_share / (1 + r->direct_share);
+        round->planned = fmin(round->planned, floor(1.3 * r->rate * time) + 1);
+        n = fmin(bootstrap_samples(r, round->planned), fmax(256, 0.67 * r->samples_rate * time));
+    } else n = bootstrap_samples(r, round->planned);
+    if (s->bootstrap) n = ceil((double)s->bootstrap / (ROUNDS + 1));
+    round->n_bootstrap = (uint64_t)fmin(n, 4e7);
+    r->rounds++;
     return true;
 }
 
-/* Adds the round to the finished ones. */
-static void close_round(Render *r)
+/* b^, seeds, chains. False if memory runs out. */
+static bool run_round(Render *r)
 {
-    double n = r->round_steps;
+    Round *round = &r->round;
+    double start = clock_now();
+    uint64_t seed = r->settings->seed, stream = r->rounds << STREAM_BITS, *rays = r->scene->rays, before = *rays;
+    bool resumed = round->chains > 0;
+    Bootstrap boot;
+    if (!bootstrap_run(&boot, &r->chain_space, r->bdpt, round->n_bootstrap, seed, stream)) return false;
+    if (resumed) *rays = before;               /* it has been counted */
+    else {
+        round->b = boot.b;
+        round->b_variance = boot.b_variance;
+        round->chains = chain_number(r, &boot, round->planned);
+        memset(r->film, 0, 3 * r->pixels * sizeof *r->film);
+        r->stats.bad_samples += boot.bad;
+        r->stats.bootstrap_samples += boot.n;
+        r->stats.bootstrap_hits += boot.hits;
+        r->stats.start_rays += *rays - before;
+    }
+    double began = clock_now(), seconds_start = began - start;
+    r->stats.seconds_start += seconds_start;
+    r->samples_rate = (double)boot.n / fmax(1e-6, seconds_start);
+    before = *rays;
+    double offset = (double)(rng_new(seed, stream - 1).s[0] >> 11) * 0x1p-53, steps_before = round->steps;
+    while (round->chain < round->chains && going(r) && in_time(r, round->chain_deadline)) {
+        if (round->left == 0) {
+            /* a chain's share of the steps, so that all together are exactly as planned */
+            double c = round->chain;
+            round->left = floor(round->planned * (c + 1) / round->chains) - floor(round->planned * c / round->chains);
+            round->rng = rng_new(seed, stream + ((uint64_t)1 << (STREAM_BITS - 1)) + (uint64_t)c);
+            r->stats.chain.rejection = 0;
+            if (!bootstrap_seed(&boot, &r->chain_space, r->bdpt, even(offset, (uint64_t)c, 0), r->x)) {
+                round->steps = round->planned; /* nothing to be found: the round's picture is black */
+                break;
+            }
+        }
+        double n = fmin(round->left, SLICE);
+        chain_run(&r->chain_space, &r->sampler, r->x, r->y, (uint64_t)n, &round->rng, splat_path, r, &r->stats.chain);
+        round->steps += n;
+        round->left -= n;
+        if (round->left == 0) round->chain++;
+    }
+    bootstrap_free(&boot);
+    double seconds = clock_now() - began;
+    r->stats.seconds_chain += seconds;
+    r->stats.chain_rays += *rays - before;
+    if (round->steps > steps_before) r->rate = (round->steps - steps_before) / fmax(1e-6, seconds);
+    return true;
+}
+
+/* Adds the round's chains to those of finished rounds. */
+static void close_chains(Render *r)
+{
+    double n = r->round.steps;
     if (n > 0) {
-        double scale = r->round_b * (double)r->pixels / n;
+        double scale = r->round.b * (double)r->pixels / n;
         for (size_t i = 0; i < 3 * r->pixels; i++) {
             double value = scale * r->film[i];
             r->sum[i] += n * value;
@@ -296,65 +373,36 @@ static void close_round(Render *r)
         }
         r->steps_sum += n;
         r->steps_square += n * n;
-        r->b_sum += n * r->round_b;
-        r->b_variance_sum += n * n * r->round_b_variance;
+        r->b_sum += n * r->round.b;
+        r->b_variance_sum += n * n * r->round.b_variance;
+        r->stats.b = r->b_sum / r->steps_sum;
     }
-    r->round_steps = 0;
-    r->round_b = 0;
-    r->round++;
+    r->round.steps = r->round.b = r->round.b_variance = 0;
 }
 
-/* How long the chains of a round are: by default so that a chain outlives what its seed has cost, and no round has fewer than 64. */
-static double chain_length(const Render *r, double steps)
-{
-    const Settings *s = r->settings;
-    if (s->chains > 0 && s->per_pixel > 0) return fmax(1, s->per_pixel * (double)r->pixels / (double)s->chains);
-    return fmin(fmax(steps / 1024, 64), 16384);
-}
-
-/* For a round of so many steps: by the share of rays that was found best, at first by that of 100000 samples for the run. */
-static double bootstrap_samples(const Render *r, double steps)
-{
-    double least = 100000.0 / (ROUNDS + 1), rays = (double)r->stats.chain_rays / fmax(1, r->steps_sum) * steps;
-    if (r->start_share == 0) return least;
-    return fmax(least, r->start_share * rays * (double)r->stats.bootstrap_samples / (double)r->stats.start_rays);
-}
-
+/* An interruption leaves the round as it stands, to be gone on with. */
 static bool run_chains(Render *r)
 {
     const Settings *s = r->settings;
-    double total = s->per_pixel * (double)r->pixels, rate = 1e6, samples_rate = 5e4;   /* guesses, replaced after the pilot */
-    bool limited = total > 0 || s->seconds > 0;
-    for (int i = 0; going(r); i++) {
-        int left = ROUNDS + 1 - i;
-        if (limited && left <= 0) break;
-        double now = clock_now(), end = s->start + s->seconds, share = i == 0 ? 0.02 : 1.0 / left;
-        double steps = limited ? INFINITY : 16 * (double)r->pixels, deadline = INFINITY;
-        if (total > 0) steps = floor((total - r->steps_sum) * share + 0.5);
-        if (s->seconds > 0) {
-            if (now >= end) break;
-            deadline = now + (end - now) * share;
-            steps = fmin(steps, 2 * rate * (deadline - now) + 1);
+    while (going(r)) {
+        if (r->round.phase == PLAN && !plan_round(r)) break;
+        if (r->round.phase == CHAINS) {
+            if (!run_round(r)) return false;
+            if (!going(r)) break;
+            close_chains(r);
+            r->round.phase = DIRECT;
         }
-        if (!(steps > 0)) continue;
-        double n = s->bootstrap ? ceil((double)s->bootstrap / (ROUNDS + 1)) : bootstrap_samples(r, steps);
-        if (s->seconds > 0 && !s->bootstrap) n = fmin(n, fmax(256, 0.67 * samples_rate * (deadline - now)));
-        double chain_end = deadline - (r->has_direct && s->seconds > 0 ? (deadline - now) * r->direct_share / (1 + r->direct_share) : 0);
-        double seconds_start = r->stats.seconds_start, seconds_chain = r->stats.seconds_chain;
-        if (!run_round(r, (uint64_t)fmin(n, 4e7), steps, chain_length(r, steps), chain_end)) return false;
-        rate = fmax(1, r->round_steps / fmax(1e-6, r->stats.seconds_chain - seconds_chain));
-        samples_rate = n / fmax(1e-6, r->stats.seconds_start - seconds_start);
-        close_round(r);
         double start = clock_now();
         if (r->has_direct) {
-            uint64_t minimum = 2 * (uint64_t)r->scene->camera.height * (i < 2 ? (uint64_t)i + 1 : 0);   /* else its variance stays unknown */
+            uint64_t least = r->rounds <= 2 ? 2 * r->rounds * r->scene->camera.height : 0;     /* else its variance stays unknown */
             double rays = r->direct_share * (double)r->stats.chain_rays;
-            while ((r->passes.rows < minimum || (double)r->passes.rays < rays) && going(r) && in_time(r, deadline)) sample_row(r);
+            while ((r->passes.rows < least || (double)r->passes.rays < rays) && going(r) && in_time(r, r->round.deadline)) sample_row(r);
         }
         r->stats.seconds_direct += clock_now() - start;
-        r->stats.b = r->steps_sum > 0 ? r->b_sum / r->steps_sum : 0;
+        if (!going(r)) break;
         learn(r);
-        if (s->error > 0 && i > 3 && r->relative_error <= s->error) break;
+        r->round.phase = PLAN;
+        if (s->error > 0 && r->rounds > 4 && r->relative_error <= s->error) break;
     }
     return true;
 }
@@ -388,12 +436,13 @@ RenderStats render_stats(const Render *r)
 {
     RenderStats s = r->stats;
     const Settings *settings = r->settings;
-    double steps = r->steps_sum + r->round_steps, b = r->b_sum + r->round_steps * r->round_b;
+    const Round *round = &r->round;
+    double steps = r->steps_sum + round->steps, b = r->b_sum + round->steps * round->b;
     double samples = (double)r->passes.rows * r->scene->camera.width, work = r->has_chain ? steps : samples;
     s.mutations = (uint64_t)work;
     s.rays = *r->scene->rays;
     s.b = steps > 0 ? b / steps : 0;
-    s.b_stderr = steps > 0 ? sqrt(r->b_variance_sum + r->round_steps * r->round_steps * r->round_b_variance) / steps : 0;
+    s.b_stderr = steps > 0 ? sqrt(r->b_variance_sum + round->steps * round->steps * round->b_variance) / steps : 0;
     s.relative_error = r->relative_error;
     s.bad_samples += s.chain.bad;
     if (settings->per_pixel > 0) s.done = work / (settings->per_pixel * (double)r->pixels);
