@@ -45,7 +45,25 @@ $(BUILD)/test_%: $(BUILD)/test_%.o $(OBJECTS)
 
 -include $(wildcard $(BUILD)/*.d)
 
+# Everything is proved here; the runner closes with 'N passed, N failed'. To run one: make build/main/test_bvh && build/main/test_bvh
+test: mlt $(TESTS:%=$(BUILD)/%) $(BUILD)/fuzz_obj $(BUILD)/fuzz_image
+	@sh test/run.sh $(TESTS:%=$(BUILD)/%) \
+	    '$(BUILD)/fuzz_obj test/corpus/obj/*' '$(BUILD)/fuzz_image test/corpus/image/*' \
+	    'sh test/test_cli.sh ./mlt' 'sh test/test_explain.sh ./mlt' 'sh test/test_docs.sh ./mlt'
+
+$(BUILD)/fuzz_%: $(BUILD)/fuzz_%.o $(OBJECTS)
+	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
+
+# A picture in half a minute: look at the bright caustic under the glass ball.
+demo: mlt
+	./mlt -t 30 -o caustic.png scenes/caustic.obj
+	@echo 'caustic.png: the light that the glass ball gathers on the floor'
+
+install: mlt
+	mkdir -p $(DESTDIR)$(PREFIX)/bin
+	cp mlt $(DESTDIR)$(PREFIX)/bin/mlt
+
 clean:
 	rm -rf build mlt
 
-.PHONY: clean
+.PHONY: test demo install clean

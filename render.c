@@ -5,7 +5,7 @@
  * shared b would hide its own), and a round may use what earlier ones have learned: the two-stage weight w ~ 1/picture, and the share of direct
  * light. Every round and every chain has its own random stream, so the state of a run is a few pictures and counters.
  */
-#include "render.h"
+#include "run.h"
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -14,52 +14,6 @@ enum {
     ROUNDS = 16,                   /* after a pilot of a fiftieth of the work */
     SLICE = 16384,                 /* steps between two looks at the clock */
     STREAM_BITS = 40               /* of a random stream's number, below the round's */
-};
-
-/* Independent samples, row by row: sum and sum of squares of the samples of each pixel, and what light subpaths bring to any pixel. */
-typedef struct {
-    double *sum, *square, *light, *light_square;   /* [pixels][3]; light only for bdpt */
-    uint32_t *count;               /* [height] samples in each pixel of a row */
-    uint64_t rows;                 /* sampled so far; the pass is rows / height */
-    uint64_t rays;
-} Passes;
-
-/* The round under way. Everything that is needed to go on with it after an interruption, but for the bootstrap, which replays. */
-typedef struct {
-    enum { PLAN, CHAINS, DIRECT } phase;
-    double planned, chains;        /* steps, and how many chains share them */
-    double chain, left;            /* the chain under way and the steps it has left; its state is Render.x */
-    Rng rng;                       /* of that chain */
-    uint64_t n_bootstrap;
-    double steps, b, b_variance;   /* done so far; of this round's bootstrap */
-    double deadline, chain_deadline;
-} Round;
-
-struct Render {
-    const Scene *scene;
-    const Settings *settings;
-    size_t pixels;
-    Space chain_space, direct_space;
-    bool has_chain, has_direct;
-    Sampler sampler;
-    Bdpt *bdpt;
-    Path *x, *y;
-    Passes passes;
-    /* chains: this round's splats, and over finished rounds the sum of steps * picture and of steps * picture^2 */
-    double *film, *sum, *square;   /* [pixels][3] */
-    float *weight;                 /* two-stage w */
-    double steps_sum, steps_square;/* over finished rounds: of steps, and of steps^2 */
-    double b_sum, b_variance_sum;  /* over rounds: of steps * b, and of steps^2 * variance of b */
-    Round round;
-    uint64_t rounds;               /* begun so far */
-    double rate, samples_rate;     /* steps and bootstrap samples per second; guesses before the pilot */
-    double direct_share;           /* rays of direct light per ray of the chains */
-    double start_share;            /* rays of the bootstrap per ray of the chains; 0 while unknown */
-    double relative_error;
-    RenderStats stats;
-    bool (*keep_going)(void *, const Render *);
-    void *context;
-    bool stopped;
 };
 
 double clock_now(void)
@@ -207,7 +161,7 @@ static double best_share(double error, uint64_t rays, double other_error, uint64
 }
 
 /* After a round: the estimated relMSE, the shares of rays that direct light and bootstrap should have, and the two-stage weight. */
-static void learn(Render *r)
+void run_learn(Render *r)
 {
     Image *picture = image_new(r->scene->camera.width, r->scene->camera.height);
     if (!picture) return;                          /* goes on with what it knew */
@@ -361,7 +315,7 @@ static bool run_round(Render *r)
 }
 
 /* Adds the round's chains to those of finished rounds. */
-static void close_chains(Render *r)
+void run_close_chains(Render *r)
 {
     double n = r->round.steps;
     if (n > 0) {
@@ -389,7 +343,7 @@ static bool run_chains(Render *r)
         if (r->round.phase == CHAINS) {
             if (!run_round(r)) return false;
             if (!going(r)) break;
-            close_chains(r);
+            run_close_chains(r);
             r->round.phase = DIRECT;
         }
         double start = clock_now();
@@ -400,7 +354,7 @@ static bool run_chains(Render *r)
         }
         r->stats.seconds_direct += clock_now() - start;
         if (!going(r)) break;
-        learn(r);
+        run_learn(r);
         r->round.phase = PLAN;
         if (s->error > 0 && r->rounds > 4 && r->relative_error <= s->error) break;
     }
@@ -417,11 +371,11 @@ static bool run_passes(Render *r)
         if (r->passes.rows < look) continue;
         look += look / 4 + height;                 /* the estimate costs a pass over the picture: at growing intervals */
         look -= look % height;
-        learn(r);
+        run_learn(r);
         if (s->error > 0 && r->relative_error <= s->error) break;
     }
     r->stats.seconds_direct += clock_now() - start;
-    learn(r);
+    run_learn(r);
     return true;
 }
 
@@ -450,3 +404,6 @@ RenderStats render_stats(const Render *r)
     s.done = fmin(s.done, 1);
     return s;
 }
+
+uint32_t render_width(const Render *r) { return r->scene->camera.width; }
+uint32_t render_height(const Render *r) { return r->scene->camera.height; }

@@ -47,6 +47,20 @@ RenderStats render_stats(const Render *render);
 void render_image(const Render *render, Image *image);
 void render_error_image(const Render *render, Image *image);
 
+/* Writes the run's state to a file, whole or not at all. Resuming goes on exactly where it stood: with the same seed and -n the picture is
+ * that of an uninterrupted run. Files are for the machine and build that wrote them. */
+bool render_save(const Render *render, const char *path, Report *report);
+/* Fills a fresh render from such a file. False with an error if it is damaged, or of another scene or other options (-n, -t, -e may differ). */
+bool render_resume(Render *render, const char *path, Report *report);
+
+/* Combines saved runs of one scene and one set of options with different seeds: pictures that carry their own b, weighted by their work.
+ * NULL with an error. Free with render_merged_free. */
+Render *render_merge(const char *const *path, int n, Report *report);
+void render_merged_free(Render *merged);
+/* Film size of a render. */
+uint32_t render_width(const Render *render);
+uint32_t render_height(const Render *render);
+
 /* Seconds on a clock that never goes back. */
 double clock_now(void);
 #endif

@@ -1,0 +1,56 @@
+/* The inside of a run, shared by render.c, which drives it, and state.c, which keeps it on file. Not for others. */
+#ifndef RUN_H
+#define RUN_H
+#include "render.h"
+
+/* Independent samples, row by row: sum and sum of squares of the samples of each pixel, and what light subpaths bring to any pixel. */
+typedef struct {
+    double *sum, *square, *light, *light_square;   /* [pixels][3]; light only for bdpt */
+    uint32_t *count;               /* [height] samples in each pixel of a row */
+    uint64_t rows;                 /* sampled so far; the pass is rows / height */
+    uint64_t rays;
+} Passes;
+
+/* The round under way. Everything that is needed to go on with it after an interruption, but for the bootstrap, which replays. */
+typedef struct {
+    enum { PLAN, CHAINS, DIRECT } phase;
+    double planned, chains;        /* steps, and how many chains share them */
+    double chain, left;            /* the chain under way and the steps it has left; its state is Render.x */
+    Rng rng;                       /* of that chain */
+    uint64_t n_bootstrap;
+    double steps, b, b_variance;   /* done so far; of this round's bootstrap */
+    double deadline, chain_deadline;
+} Round;
+
+struct Render {
+    const Scene *scene;
+    const Settings *settings;
+    size_t pixels;
+    Space chain_space, direct_space;
+    bool has_chain, has_direct;
+    Sampler sampler;
+    Bdpt *bdpt;
+    Path *x, *y;
+    Passes passes;
+    /* chains: this round's splats, and over finished rounds the sum of steps * picture and of steps * picture^2 */
+    double *film, *sum, *square;   /* [pixels][3] */
+    float *weight;                 /* two-stage w */
+    double steps_sum, steps_square;/* over finished rounds: of steps, and of steps^2 */
+    double b_sum, b_variance_sum;  /* over rounds: of steps * b, and of steps^2 * variance of b */
+    Round round;
+    uint64_t rounds;               /* begun so far */
+    double rate, samples_rate;     /* steps and bootstrap samples per second; guesses before the pilot */
+    double direct_share;           /* rays of direct light per ray of the chains */
+    double start_share;            /* rays of the bootstrap per ray of the chains; 0 while unknown */
+    double relative_error;
+    RenderStats stats;
+    bool (*keep_going)(void *, const Render *);
+    void *context;
+    bool stopped;
+};
+
+/* Adds the chains of the round under way to those of finished rounds. */
+void run_close_chains(Render *render);
+/* Estimates the error of the picture, and from it the shares of work and the two-stage weight. */
+void run_learn(Render *render);
+#endif

@@ -1,0 +1,260 @@
+/* A run's state on file: saved, resumed, merged with others. See render.h.
+ *
+ * The file is a header and the accumulators as they lie in memory; what the scene holds is not in it but for a hash that must agree. */
+#include "run.h"
+#include <errno.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+static void hash(uint64_t *h, const void *data, size_t n)
+{
+    const unsigned char *p = data;
+    for (size_t i = 0; i < n; i++) *h = (*h ^ p[i]) * 0x100000001b3u;      /* FNV-1a */
+}
+
+static void hash_number(uint64_t *h, double v) { hash(h, &v, sizeof v); }
+static void hash_vector(uint64_t *h, Vec3 v) { hash(h, &v, sizeof v); }
+
+/* Of all that must agree between runs that are resumed or merged. */
+static uint64_t identity(const Scene *scene, const Settings *s)
+{
+    uint64_t h = 0xcbf29ce484222325u;
+    const Mesh *m = &scene->mesh;
+    const Camera *c = &scene->camera;
+    hash(&h, m->position, m->n_positions * sizeof *m->position);
+    hash(&h, m->triangle, m->n_triangles * sizeof *m->triangle);
+    hash(&h, m->triangle_material, m->n_triangles * sizeof *m->triangle_material);
+    if (m->normal) hash(&h, m->normal, m->n_normals * sizeof *m->normal);
+    if (m->triangle_normal) hash(&h, m->triangle_normal, m->n_triangles * sizeof *m->triangle_normal);
+    for (uint32_t i = 0; i < m->n_materials; i++) {
+        const Material *a = &m->material[i];
+        const Vec3 colours[] = { a->kd, a->ks, a->tf, a->ke };
+        for (int j = 0; j < 4; j++) hash_vector(&h, colours[j]);
+        hash_number(&h, a->ns);
+        hash_number(&h, a->ni);
+        hash_number(&h, a->kind);
+        if (a->map_kd) hash(&h, a->map_kd->rgb, 12 * (size_t)a->map_kd->width * a->map_kd->height);
+    }
+    const Vec3 axes[] = { c->eye, c->right, c->up, c->forward };
+    for (int j = 0; j < 4; j++) hash_vector(&h, axes[j]);
+    const double numbers[] = { c->half_width, c->half_height, c->aperture, c->focus, c->width, c->height, s->integrator, s->direct, s->max_depth,
+                               s->strategies, (double)s->bootstrap, (double)s->chains };
+    hash(&h, numbers, sizeof numbers);
+    return h;
+}
+
+typedef struct {
+    char magic[8];
+    uint64_t identity, seed, path_bytes;
+    uint32_t width, height;
+    uint32_t integrator, direct;
+} Header;
+
+typedef struct { FILE *file; bool write, ok; } Stream;
+
+static void pass(Stream *s, void *data, size_t n)
+{
+    if (s->ok && n > 0) s->ok = (s->write ? fwrite(data, 1, n, s->file) : fread(data, 1, n, s->file)) == n;
+}
+
+static void pass_array(Stream *s, void *data, size_t n) { if (data) pass(s, data, n); }
+
+/* The chain's path: its vertices name materials by number in the file. */
+static void pass_path(Stream *s, Path *x, const Mesh *mesh)
+{
+    pass(s, x, offsetof(Path, v));
+    if (!s->ok || x->k < 0 || x->k > MAX_EDGES) { s->ok = false; return; }
+    for (int i = 0; i <= x->k; i++) {
+        Vertex v = x->v[i];
+        const Material *m = v.point.surface.material;
+        uint32_t number = s->write && m ? (uint32_t)(m - mesh->material) : BVH_NONE;
+        v.point.surface.material = NULL;
+        pass(s, &v, sizeof v);
+        pass(s, &number, sizeof number);
+        if (s->write || !s->ok) continue;
+        if (number != BVH_NONE && number >= mesh->n_materials) { s->ok = false; return; }
+        v.point.surface.material = number == BVH_NONE ? NULL : &mesh->material[number];
+        x->v[i] = v;
+    }
+}
+
+/* One list of all that is kept, for both directions. */
+static void pass_state(Stream *s, Render *r)
+{
+    size_t doubles = 3 * r->pixels * sizeof(double);
+    double *arrays[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square, r->film, r->sum, r->square };
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) pass_array(s, arrays[i], doubles);
+    pass_array(s, r->passes.count, r->scene->camera.height * sizeof *r->passes.count);
+    pass_array(s, r->weight, r->pixels * sizeof *r->weight);
+    pass(s, &r->passes.rows, sizeof r->passes.rows);
+    pass(s, &r->passes.rays, sizeof r->passes.rays);
+    pass(s, r->scene->rays, sizeof *r->scene->rays);
+    double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share, &r->relative_error };
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
+    uint64_t weighted = r->chain_space.weight != NULL;
+    pass(s, &weighted, sizeof weighted);
+    if (weighted) r->chain_space.weight = r->weight;
+    pass(s, &r->round, sizeof r->round);
+    pass(s, &r->rounds, sizeof r->rounds);
+    pass(s, &r->stats, sizeof r->stats);
+}
+
+static Header header_of(const Render *r)
+{
+    const Camera *c = &r->scene->camera;
+    return (Header){ { 'M', 'L', 'T', 'R', 'U', 'N', '1', '\n' }, identity(r->scene, r->settings), r->settings->seed, sizeof(Path), c->width, c->height,
+                     (uint32_t)r->settings->integrator, (uint32_t)r->settings->direct };
+}
+
+bool render_save(const Render *r, const char *path, Report *report)
+{
+    size_t n = strlen(path);
+    char *temporary = malloc(n + 5);
+    if (!temporary) return report_error(report, path, 0, "out of memory");
+    memcpy(temporary, path, n);
+    memcpy(temporary + n, ".tmp", 5);
+    Stream s = { fopen(temporary, "wb"), true, true };
+    bool ok = s.file != NULL;
+    if (ok) {
+        Header header = header_of(r);
+        pass(&s, &header, sizeof header);
+        pass_state(&s, (Render *)r);               /* reads only, when writing */
+        bool chain = r->round.phase == CHAINS && r->round.left > 0;
+        if (chain) pass_path(&s, r->x, &r->scene->mesh);
+        ok = (fclose(s.file) == 0) & s.ok;
+        ok = ok && rename(temporary, path) == 0;
+    }
+    if (!ok) {
+        report_error(report, path, 0, "the run's state cannot be written: %s", strerror(errno));
+        if (s.file) remove(temporary);
+    }
+    free(temporary);
+    return ok;
+}
+
+/* Opens a state file and reads its header. */
+static FILE *open_state(const char *path, Header *header, Report *report)
+{
+    FILE *file = fopen(path, "rb");
+    if (!file) report_error(report, path, 0, "%s", strerror(errno));
+    else if (fread(header, sizeof *header, 1, file) != 1 || memcmp(header->magic, "MLTRUN1\n", 8) != 0 || header->path_bytes != sizeof(Path)
+          || header->width - 1 >= 65535 || header->height - 1 >= 65535) {
+        report_error(report, path, 0, "not the saved state of a run, or of another version of mlt");
+        fclose(file);
+        file = NULL;
+    }
+    return file;
+}
+
+bool render_resume(Render *r, const char *path, Report *report)
+{
+    Header header, mine = header_of(r);
+    FILE *file = open_state(path, &header, report);
+    if (!file) return false;
+    bool ok = header.identity == mine.identity && header.seed == mine.seed && header.width == mine.width && header.height == mine.height;
+    if (!ok) report_error(report, path, 0, "the saved run is of another scene, other options or another seed");
+    else {
+        Stream s = { file, false, true };
+        pass_state(&s, r);
+        if (s.ok && r->round.phase == CHAINS && r->round.left > 0) pass_path(&s, r->x, &r->scene->mesh);
+        ok = s.ok && getc(file) == EOF;
+        if (!ok) report_error(report, path, 0, "the saved state is damaged");
+        r->round.deadline = r->round.chain_deadline = INFINITY;    /* they were of another clock */
+        if (r->settings->seconds > 0) r->round.deadline = r->round.chain_deadline = r->settings->start + r->settings->seconds;
+    }
+    fclose(file);
+    return ok;
+}
+
+static void add_array(double *to, const double *from, size_t n)
+{
+    if (to) for (size_t i = 0; i < n; i++) to[i] += from[i];
+}
+
+/* A run read from a file without its scene: film size and accumulators are all that a picture needs. */
+static Render *read_run(FILE *file, const Header *header, const char *path, Report *report)
+{
+    Scene *scene = calloc(1, sizeof *scene);
+    Settings *settings = calloc(1, sizeof *settings);
+    Render *r = NULL;
+    if (scene && settings && (scene->rays = calloc(1, sizeof *scene->rays))) {
+        scene->camera.width = header->width;
+        scene->camera.height = header->height;
+        settings->integrator = (Integrator)header->integrator;
+        settings->direct = (DirectLight)header->direct;
+        settings->seed = header->seed;
+        r = render_new(scene, settings);
+    }
+    if (!r) {
+        if (scene) free(scene->rays);
+        free(scene);
+        free(settings);
+        report_error(report, path, 0, "out of memory");
+        return NULL;
+    }
+    Stream s = { file, false, true };
+    pass_state(&s, r);
+    if (s.ok) {
+        if (r->has_chain) run_close_chains(r);
+        return r;
+    }
+    report_error(report, path, 0, "the saved state is damaged");
+    render_merged_free(r);
+    return NULL;
+}
+
+void render_merged_free(Render *r)
+{
+    if (!r) return;
+    Scene *scene = (Scene *)r->scene;
+    Settings *settings = (Settings *)r->settings;
+    render_free(r);
+    free(scene->rays);
+    free(scene);
+    free(settings);
+}
+
+Render *render_merge(const char *const *path, int n, Report *report)
+{
+    Render *merged = NULL;
+    uint64_t *seeds = malloc((size_t)n * sizeof *seeds), first = 0;
+    bool ok = seeds != NULL;
+    if (!ok) report_error(report, NULL, 0, "out of memory");
+    for (int i = 0; ok && i < n; i++) {
+        Header header;
+        FILE *file = open_state(path[i], &header, report);
+        ok = file != NULL;
+        if (!ok) break;
+        if (i == 0) first = header.identity;
+        seeds[i] = header.seed;
+        Render *r = NULL;
+        if (header.identity != first) ok = report_error(report, path[i], 0, "another scene or other options than %.300s", path[0]);
+        for (int j = 0; ok && j < i; j++)
+            if (seeds[j] == header.seed) ok = report_error(report, path[i], 0, "the same seed as %.300s: the runs are not independent", path[j]);
+        if (ok) ok = (r = read_run(file, &header, path[i], report)) != NULL;
+        fclose(file);
+        if (!ok) break;
+        if (!merged) { merged = r; continue; }
+        double *to[] = { merged->passes.sum, merged->passes.square, merged->passes.light, merged->passes.light_square, merged->sum, merged->square };
+        double *from[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square, r->sum, r->square };
+        for (size_t a = 0; a < sizeof to / sizeof *to; a++) add_array(to[a], from[a], 3 * r->pixels);
+        for (uint32_t row = 0; merged->passes.count && row < header.height; row++) merged->passes.count[row] += r->passes.count[row];
+        merged->passes.rows += r->passes.rows;
+        merged->steps_sum += r->steps_sum;
+        merged->steps_square += r->steps_square;
+        merged->b_sum += r->b_sum;
+        merged->b_variance_sum += r->b_variance_sum;
+        merged->rounds += r->rounds;
+        merged->stats.bad_samples += r->stats.bad_samples;
+        render_merged_free(r);
+    }
+    free(seeds);
+    if (ok) {
+        if (merged->steps_sum > 0) merged->stats.b = merged->b_sum / merged->steps_sum;
+        run_learn(merged);
+        return merged;
+    }
+    render_merged_free(merged);
+    return NULL;
+}
