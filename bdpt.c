@@ -195,11 +195,11 @@ bool bdpt_path(const Bdpt *b, const Space *space, int n_light, int n_lens, Path 
 
 /* Light that one light sample sends over the surface towards 'known', times throughput still to come, with its weight against the
  * chance that scattering finds the same emitter point. */
-static Rgb sampled_light(const Space *space, const Point *at, Vec3 known, Rng *rng)
+static Rgb sampled_light(const Space *space, const Point *at, Vec3 known, const double u[3])
 {
     Point light;
     Scatter s;
-    scene_sample_light(space->scene, rng, &light);
+    scene_sample_light(space->scene, u, &light);
     Vec3 d = sub(light.p, at->p);
     double squared = dot(d, d);
     Vec3 w = scale(1 / sqrt(squared), d);
@@ -212,7 +212,7 @@ static Rgb sampled_light(const Space *space, const Point *at, Vec3 known, Rng *r
     return scale(G / (s.inv_F * (pdf_a + scattering_pdf_a)), mul(m->ke, s.colour));
 }
 
-Rgb path_trace(const Space *space, double x, double y, Rng *rng)
+Rgb path_trace(const Space *space, double x, double y, const double light[3], Rng *rng)
 {
     const Scene *scene = space->scene;
     Rgb sum = vec3(0, 0, 0), throughput = vec3(1, 1, 1);
@@ -241,8 +241,10 @@ Rgb path_trace(const Space *space, double x, double y, Rng *rng)
         Vec3 known = neg(w);
         bool specular = material_is_specular(m);
         if (!specular) {
-            if (space->direct == DIRECT_INCLUDED || (diffuse == 0) == (space->direct == DIRECT_ONLY))
-                sum = add(sum, mul(throughput, sampled_light(space, &at, known, rng)));
+            if (space->direct == DIRECT_INCLUDED || (diffuse == 0) == (space->direct == DIRECT_ONLY)) {
+                const double random[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
+                sum = add(sum, mul(throughput, sampled_light(space, &at, known, diffuse == 0 ? light : random)));
+            }
             diffuse++;
         }
         if (space->direct == DIRECT_ONLY && (diffuse > 1 || (diffuse == 1 && specular))) break;

@@ -24,6 +24,7 @@ void bdpt_sample(Bdpt *bdpt, const Space *space, double x, double y, Rng *rng, v
 /* The candidate's whole path, evaluated; valid until the next bdpt_sample. */
 bool bdpt_path(const Bdpt *bdpt, const Space *space, int n_light, int n_lens, Path *out);
 
-/* Unidirectional: radiance seen at a raster position, light sampling and scattering joined by multiple importance sampling. */
-Rgb path_trace(const Space *space, double x, double y, Rng *rng);
+/* Unidirectional: radiance seen at a raster position, light sampling and scattering joined by multiple importance sampling.
+ * The first light sample is taken at light[0..2] in [0,1), so that the caller can stratify it like (x, y). */
+Rgb path_trace(const Space *space, double x, double y, const double light[3], Rng *rng);
 #endif

@@ -4,8 +4,8 @@
 
 double even(double offset, uint64_t index, int dimension)
 {
-    /* 1/g and 1/g^2 for the plastic number g: the most even additive recurrence in two dimensions */
-    static const double step[2] = { 0.7548776662466927, 0.5698402909980532 };
+    /* powers of 1/g, g the root of g^6 = g + 1: the golden ratio's counterpart in five dimensions */
+    static const double step[5] = { 0.8812714616335696, 0.7766393890897682, 0.6844301295853426, 0.6031687406857282, 0.5315553977157688 };
     double u = offset + step[dimension] * (double)(index & 0xffffffffu);
     return u - floor(u);
 }

@@ -22,7 +22,8 @@ bool path_grow_to_lens(const Space *space, Path *p, int i, Rng *rng)
     Vertex *next = &p->v[i + 1];
     next->mode = MODE_NONE;        /* until a direction is sampled from it */
     if (i < 0) {
-        scene_sample_light(space->scene, rng, &next->point);
+        const double u[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
+        scene_sample_light(space->scene, u, &next->point);
         return true;
     }
     Vertex *v = &p->v[i];

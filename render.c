@@ -83,7 +83,8 @@ static void splat_candidate(void *context, const Candidate *c)
     for (int i = 0; i < 3; i++) { light[i] += v[i]; square[i] += v[i] * v[i]; }
 }
 
-/* One more sample in each pixel of the next row. Positions in a pixel fill it evenly over the passes, from an offset of its own. */
+/* One more sample in each pixel of the next row. Its place in the pixel and its first light sample fill their ranges evenly over the
+ * passes, from an offset of the pixel's own. */
 static void sample_row(Render *r)
 {
     Passes *p = &r->passes;
@@ -93,10 +94,12 @@ static void sample_row(Render *r)
     for (uint32_t column = 0; column < width; column++) {
         size_t pixel = (size_t)row * width + column;
         Rng offset = rng_new(r->settings->seed, ((uint64_t)1 << 62) + pixel);
-        double x = column + even(rng_double(&offset), pass, 0), y = row + even(rng_double(&offset), pass, 1);
+        double u[5];
+        for (int d = 0; d < 5; d++) u[d] = even(rng_double(&offset), pass, d);
+        double x = column + u[0], y = row + u[1];
         Splat s = { r, { 0, 0, 0 } };
         if (r->settings->integrator == INTEGRATOR_BDPT) bdpt_sample(r->bdpt, &r->direct_space, x, y, &rng, splat_candidate, &s);
-        else s.own = path_trace(&r->direct_space, x, y, &rng);
+        else s.own = path_trace(&r->direct_space, x, y, u + 2, &rng);
         if (!finite3(s.own)) { r->stats.bad_samples++; continue; }
         const double v[3] = { s.own.x, s.own.y, s.own.z };
         for (size_t i = 0; i < 3; i++) { p->sum[3 * pixel + i] += v[i]; p->square[3 * pixel + i] += v[i] * v[i]; }

@@ -242,12 +242,12 @@ bool scene_visible(const Scene *s, const Point *a, const Point *b)
     return !bvh_any(s->bvh, &ray);
 }
 
-void scene_sample_light(const Scene *s, Rng *rng, Point *point)
+void scene_sample_light(const Scene *s, const double random[3], Point *point)
 {
-    double pick = rng_double(rng) * s->n_lights;
+    double pick = random[0] * s->n_lights;
     uint32_t i = (uint32_t)pick;
     if (pick - i >= s->light_threshold[i]) i = s->light_alias[i];
-    double u = rng_double(rng), v = rng_double(rng);
+    double u = random[1], v = random[2];
     if (u + v > 1) { u = 1 - u; v = 1 - v; }
     Vec3 c[3];
     corners(&s->mesh, s->light[i], c);

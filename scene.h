@@ -79,8 +79,8 @@ bool scene_trace(const Scene *scene, const Point *from, Vec3 w, Point *hit);
 /* V(a,b): whether nothing lies between; both ends treated alike. */
 bool scene_visible(const Scene *scene, const Point *a, const Point *b);
 
-/* Uniform on a triangle that is picked in proportion to its power. Needs n_lights > 0. */
-void scene_sample_light(const Scene *scene, Rng *rng, Point *point);
+/* Uniform on a triangle that is picked in proportion to its power, for u uniform in [0,1)^3. Needs n_lights > 0. */
+void scene_sample_light(const Scene *scene, const double u[3], Point *point);
 /* p_A of scene_sample_light for any point of an emitting surface, also one that was hit by chance (per area, scene unit). */
 double scene_light_pdf_a(const Scene *scene, const Material *material);
 
