@@ -1,9 +1,8 @@
-/* argv to file: options, the run and its progress, pictures, counters as JSON, and the comparison of two pictures.
+/* argv to file: the run and its progress, pictures, counters as JSON, and the other commands.
  *
  * Whatever goes wrong comes here as a Report and leaves as one line on standard error: exit 1 for a scene or file, 2 for wrong usage.
  * Standard output holds only what was asked for. Must not know how a picture is computed. */
-#include "obj.h"
-#include "render.h"
+#include "options.h"
 #include <errno.h>
 #include <inttypes.h>
 #include <signal.h>
@@ -14,238 +13,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { EXIT_USAGE = 2, SIDE_MAX = 65535, SCREEN = 79, ALL_STRATEGIES = (1 << MUTATIONS) - 1 };
-static const double pixels_max = 1 << 28, whole_max = 0x1p53;    /* what image_read takes; what a double counts without gaps */
-
-typedef struct {
-    Settings settings;
-    CameraSettings camera;
-    const char *scene, *stats;     /* NULL if not given */
-    const char **output;           /* [outputs], room for each argument and the two default names */
-    int outputs, verbosity;        /* -1 quiet, 1 verbose */
-    double exposure;
-    bool help, version;
-} Options;
-
-/* ---- options ---- */
-
-typedef enum { OUTPUT, SIZE, EYE, LOOK, UP, FOV, APERTURE, FOCUS, PER_PIXEL, TIME, ERROR, SEED, INTEGRATOR, STRATEGIES, DIRECT, MAX_DEPTH,
-               BOOTSTRAP, CHAINS, EXPOSURE, STATS, QUIET, VERBOSE, HELP, VERSION, OPTIONS } OptionCode;
-
-typedef struct {
-    char letter;
-    const char *name, *argument;   /* argument NULL: a switch */
-    const char *wanted;            /* 'must be ...' */
-    const char *help;
-} Option;
-
-static const Option option_table[OPTIONS] = {
-    [OUTPUT]     = { 'o', "output", "FILE", "a name that ends in .pfm, .ppm or .png",
-                     "image to write: .pfm linear float; .ppm and .png tone-mapped sRGB;\n.error.pfm the standard error of each value; may be repeated\n"
-                     "[NAME.pfm and NAME.ppm in the current folder]" },
-    [SIZE]       = { 's', "size", "WxH", "two whole numbers from 1 to 65535 with an x between, 2^28 pixels at most", "film size [NAME.cam, else 512x512]" },
-    [EYE]        = { 0, "eye", "X,Y,Z", "three numbers with commas between", "where the camera stands [NAME.cam, else all of the scene is seen]" },
-    [LOOK]       = { 0, "look", "X,Y,Z", "three numbers with commas between", "what it looks at" },
-    [UP]         = { 0, "up", "X,Y,Z", "three numbers with commas between, not all 0", "what is up in the picture" },
-    [FOV]        = { 0, "fov", "DEG", "a number between 0 and 180", "full vertical angle of view" },
-    [APERTURE]   = { 0, "aperture", "R", "a number, 0 or more", "lens radius [NAME.cam, else 0: a pinhole]" },
-    [FOCUS]      = { 0, "focus", "D", "a number above 0", "distance of the plane in focus [NAME.cam, else that of what is looked at]" },
-    [PER_PIXEL]  = { 'n', "mutations", "N", "a number above 0, 1e10 at most", "mutations per pixel; samples per pixel for path and bdpt\n[256, or no limit with -t or -e]" },
-    [TIME]       = { 't', "time", "SECONDS", "a number above 0, 1e9 at most", "stop after so long, loading included [no limit]" },
-    [ERROR]      = { 'e', "error", "E", "a number above 0", "stop when the estimated relative error of the image is E or less" },
-    [SEED]       = { 0, "seed", "N", "a whole number from 0 to 2^53", "same seed, scene, options and -n: same file, bit for bit [1]" },
-    [INTEGRATOR] = { 0, "integrator", "NAME", "mlt, bdpt or path", "mlt, or one of the independent references bdpt and path [mlt]" },
-    [STRATEGIES] = { 0, "strategies", "LIST", "a list of bidir, lens, caustic, chain, subpath with commas between",
-                     "mutations to choose from: bidir,lens,caustic,chain,subpath\n[those that the scene can use]" },
-    [DIRECT]     = { 0, "direct", "HOW", "apart, chain, only or none", "direct light: computed apart, left to the chain, alone, or left out\n[apart]" },
-    [MAX_DEPTH]  = { 0, "max-depth", "K", "a whole number from 1 to 255", "longest path in edges: 1 lights seen directly, 2 direct light ... [64]" },
-    [BOOTSTRAP]  = { 0, "bootstrap", "N", "a whole number from 1 to 5e8", "bidirectional samples for b and for the seeds of chains [100000]" },
-    [CHAINS]     = { 0, "chains", "N", "a whole number from 1 to 1e9", "chains, which share the mutations evenly [chosen by the program]" },
-    [EXPOSURE]   = { 0, "exposure", "EV", "a number from -100 to 100", "for .ppm and .png: each 1 doubles the brightness [0]" },
-    [STATS]      = { 0, "stats", "FILE", "a file name", "counters as JSON; - is standard output" },
-    [QUIET]      = { 'q', "quiet", NULL, NULL, "no warnings, no progress" },
-    [VERBOSE]    = { 'v', "verbose", NULL, NULL, "a summary at the end" },
-    [HELP]       = { 'h', "help", NULL, NULL, "this text" },
-    [VERSION]    = { 0, "version", NULL, NULL, "the program's version" },
-};
-
-/* A number from low to high that is all of the text. */
-static bool read_real(const char *text, double low, double high, double *value)
-{
-    return parse_double(text, strlen(text), value) && *value >= low && *value <= high;
-}
-
-static bool read_above_0(const char *text, double high, double *value) { return read_real(text, 0, high, value) && *value > 0; }
-
-static bool read_whole(const char *text, double low, double high, uint64_t *value)
-{
-    double real;
-    if (!read_real(text, low, high, &real) || real != floor(real)) return false;
-    *value = (uint64_t)real;
-    return true;
-}
-
-static bool read_vector(const char *text, Vec3 *value)
-{
-    double v[3];
-    for (int i = 0; i < 3; i++) {
-        size_t n = strcspn(text, ",");
-        if (!parse_double(text, n, &v[i]) || (text[n] == ',') != (i < 2)) return false;
-        text += n + 1;
-    }
-    *value = vec3(v[0], v[1], v[2]);
-    return true;
-}
-
-static bool read_size(const char *text, CameraSettings *camera)
-{
-    double width, height;
-    size_t n = strcspn(text, "x");
-    if (!parse_double(text, n, &width) || text[n] != 'x' || !read_real(text + n + 1, 1, SIDE_MAX, &height)) return false;
-    camera->width = (uint32_t)fmin(fmax(width, 0), SIDE_MAX);
-    camera->height = (uint32_t)height;
-    return camera->width == width && camera->width > 0 && camera->height == height && width * height <= pixels_max;
-}
-
-/* Place of the text's first n characters among the words; -1 if they are none of them. */
-static int find_word(const char *text, size_t n, int words, const char *const word[])
-{
-    for (int i = 0; i < words; i++)
-        if (strlen(word[i]) == n && memcmp(word[i], text, n) == 0) return i;
-    return -1;
-}
-
-static int find_strategy(const char *text, size_t n)
-{
-    const char *name[MUTATIONS];
-    for (int i = 0; i < MUTATIONS; i++) name[i] = mutation_table[i].name;
-    return find_word(text, n, MUTATIONS, name);
-}
-
-static bool read_strategies(const char *text, unsigned *strategies)
-{
-    for (*strategies = 0;; text++) {
-        size_t n = strcspn(text, ",");
-        int row = find_strategy(text, n);
-        if (row < 0) return false;
-        *strategies |= 1u << row;
-        text += n;
-        if (!*text) return true;
-    }
-}
-
-static bool set_option(Options *o, OptionCode code, const char *value)
-{
-    static const char *const integrators[] = { "mlt", "bdpt", "path" }, *const directs[] = { "apart", "chain", "only", "none" };
-    Settings *s = &o->settings;
-    CameraSettings *c = &o->camera;
-    uint64_t whole = 0;
-    int word = 0;
-    switch (code) {
-    case OUTPUT: o->output[o->outputs++] = value; return image_format_known(value);
-    case SIZE: return c->has_size = read_size(value, c);
-    case EYE: return c->has_eye = read_vector(value, &c->eye);
-    case LOOK: return c->has_look = read_vector(value, &c->look);
-    case UP: return c->has_up = read_vector(value, &c->up) && (c->up.x != 0 || c->up.y != 0 || c->up.z != 0);
-    case FOV: return c->has_fov = read_above_0(value, 180, &c->fov) && c->fov < 180;
-    case APERTURE: return c->has_aperture = read_real(value, 0, INFINITY, &c->aperture);
-    case FOCUS: return c->has_focus = read_above_0(value, INFINITY, &c->focus);
-    case PER_PIXEL: return read_above_0(value, 1e10, &s->per_pixel);
-    case TIME: return read_above_0(value, 1e9, &s->seconds);
-    case ERROR: return read_above_0(value, INFINITY, &s->error);
-    case SEED: return read_whole(value, 0, whole_max, &s->seed);
-    case INTEGRATOR: word = find_word(value, strlen(value), 3, integrators); s->integrator = (Integrator)word; return word >= 0;
-    case STRATEGIES: return read_strategies(value, &s->strategies);
-    case DIRECT: word = find_word(value, strlen(value), 4, directs); s->direct = (DirectLight)word; return word >= 0;
-    case MAX_DEPTH: if (!read_whole(value, 1, MAX_EDGES, &whole)) return false; s->max_depth = (int)whole; return true;
-    case BOOTSTRAP: return read_whole(value, 1, 5e8, &s->bootstrap);
-    case CHAINS: return read_whole(value, 1, 1e9, &s->chains);
-    case EXPOSURE: return read_real(value, -100, 100, &o->exposure);
-    case STATS: o->stats = value; return *value;
-    case QUIET: o->verbosity = -1; return true;
-    case VERBOSE: o->verbosity = 1; return true;
-    case HELP: return o->help = true;
-    case VERSION: return o->version = true;
-    case OPTIONS: break;
-    }
-    return false;
-}
-
-/* The option called by a letter, or by the first n characters of a long name; OPTIONS if there is none. */
-static OptionCode find_option(char letter, const char *name, size_t n)
-{
-    int i = 0;
-    while (i < OPTIONS && !(name ? strlen(option_table[i].name) == n && memcmp(option_table[i].name, name, n) == 0 : option_table[i].letter == letter)) i++;
-    return (OptionCode)i;
-}
-
-typedef struct { int argc, next; char **argv; } Arguments;
-
-/* Sets an option; attached is the value that came with it, or NULL: then it takes the next argument if it needs one. */
-static bool take_option(Options *o, OptionCode code, const char *attached, Arguments *arguments, Report *report)
-{
-    const Option *option = &option_table[code];
-    const char *value = attached;
-    if (!option->argument && value) return report_error(report, NULL, 0, "--%s takes no value", option->name);
-    if (option->argument && !value) {
-        if (arguments->next >= arguments->argc) return report_error(report, NULL, 0, "--%s needs a value: %s", option->name, option->wanted);
-        value = arguments->argv[arguments->next++];
-    }
-    return set_option(o, code, value) || report_error(report, NULL, 0, "--%s '%s': must be %s", option->name, value, option->wanted);
-}
-
-/* --name, --name=value, --name value, -l, -lvalue, -l value, and switches by one letter joined. False with an error. */
-static bool read_options(Options *o, int argc, char **argv, Report *report)
-{
-    Arguments a = { argc, 1, argv };
-    bool ended = false;
-    while (a.next < argc && !o->help && !o->version) {
-        const char *arg = argv[a.next++];
-        if (ended || arg[0] != '-' || !arg[1]) {
-            if (o->scene) return report_error(report, NULL, 0, "one scene at a time, not '%s' and '%s'", o->scene, arg);
-            o->scene = arg;
-        } else if (strcmp(arg, "--") == 0) {
-            ended = true;
-        } else if (arg[1] == '-') {
-            size_t n = strcspn(arg + 2, "=");
-            OptionCode code = find_option(0, arg + 2, n);
-            if (code == OPTIONS) return report_error(report, NULL, 0, "unknown option '%.*s'", (int)n + 2, arg);
-            if (!take_option(o, code, arg[2 + n] ? arg + 3 + n : NULL, &a, report)) return false;
-        } else for (const char *letter = arg + 1; *letter; letter++) {
-            OptionCode code = find_option(*letter, NULL, 0);
-            if (code == OPTIONS) return report_error(report, NULL, 0, "unknown option '-%c'", *letter);
-            bool last = option_table[code].argument != NULL;
-            if (!take_option(o, code, last && letter[1] ? letter + 1 : NULL, &a, report)) return false;
-            if (last) break;
-        }
-    }
-    if (o->help || o->version) return true;
-    if (!o->scene) return report_error(report, NULL, 0, "no scene given");
-    Settings *s = &o->settings;
-    if (s->per_pixel == 0 && s->seconds == 0 && s->error == 0) s->per_pixel = 256;
-    return true;
-}
-
-/* Whether mutations are made; the references, and direct light alone, take independent samples. */
-static bool has_chains(const Settings *s) { return s->integrator == INTEGRATOR_MLT && s->direct != LIGHT_ONLY; }
-
-/* What was asked for and will not be had. */
-static void warn_options(const Options *o, const Scene *scene, Report *report)
-{
-    const Settings *s = &o->settings;
-    bool chains = has_chains(s), usable = false;
-    if (scene->n_lights == 0) report_warning(report, o->scene, 0, "no light: no face emits (Ke); the picture will be black");
-    if (!chains) {
-        if (s->strategies != ALL_STRATEGIES || s->bootstrap || s->chains)
-            report_warning(report, NULL, 0, "--strategies, --bootstrap and --chains mean nothing here: no chain runs");
-        return;
-    }
-    for (int i = 0; i < MUTATIONS; i++) usable |= (s->strategies >> i & 1) && (scene->has_specular || !mutation_table[i].needs_specular);
-    if (!usable) report_warning(report, NULL, 0, "none of the strategies is of use in this scene: the picture shows the seeds alone");
-    else if (!(s->strategies & 1u << find_strategy("bidir", 5)))
-        report_warning(report, NULL, 0, "not ergodic: without 'bidir' a chain cannot reach all paths by itself; it still renders, from many seeds");
-    if (s->chains && s->per_pixel == 0) report_warning(report, NULL, 0, "--chains counts only with -n");
-}
+enum { EXIT_USAGE = 2, SCREEN = 79, SAVE_SECONDS = 60 };
+static const double pixels_max = 1 << 28;      /* what image_read takes */
 
 /* ---- files ---- */
 
@@ -320,7 +89,7 @@ static Cost run_cost(const Settings *settings, const RenderStats *s)
 {
     struct rusage usage;
     getrusage(RUSAGE_SELF, &usage);
-    bool chains = has_chains(settings);
+    bool chains = options_chains(settings);
     double n = (double)s->mutations, seconds = chains ? s->seconds_chain : s->seconds_direct, rays = (double)(chains ? s->chain_rays : s->rays);
     return (Cost){ chains, clock_now() - settings->start, 1024.0 * (double)usage.ru_maxrss, seconds > 0 ? n / seconds : NAN, n > 0 ? rays / n : NAN };
 }
@@ -413,6 +182,9 @@ typedef struct {
     const Settings *settings;
     double pixels, begun, shown;   /* seconds on the clock */
     bool progress;
+    const char *save;              /* NULL: nowhere */
+    double saved;
+    Report *report;
 } Watch;
 
 /* Share done, speed, error, time left: that of the limit which will come first. */
@@ -427,7 +199,7 @@ static void show_progress(const Watch *w, const RenderStats *s, double now)
     char line[SCREEN + 80] = "";
     int at = 0;
     if (isfinite(left)) at = snprintf(line, 20, "%3.0f %%   ", 100 * past / (past + left));
-    at += snprintf(line + at, 40, "%.2f M %s/s", n / past / 1e6, has_chains(settings) ? "mutations" : "samples");
+    at += snprintf(line + at, 40, "%.2f M %s/s", n / past / 1e6, options_chains(settings) ? "mutations" : "samples");
     if (isfinite(s->relative_error)) at += snprintf(line + at, 30, "   error %.2g %%", 100 * s->relative_error);
     left = ceil(left);
     if (left < 1e9) snprintf(line + at, 40, "   %.0f:%02.0f:%02.0f left", floor(left / 3600), floor(fmod(left / 60, 60)), floor(fmod(left, 60)));
@@ -437,9 +209,13 @@ static void show_progress(const Watch *w, const RenderStats *s, double now)
 static bool keep_going(void *context, const Render *render)
 {
     Watch *w = context;
-    if (!w->progress || stop) return !stop;
+    if ((!w->progress && !w->save) || stop) return !stop;
     double now = clock_now();
-    if (now - w->shown >= 0.2) {
+    if (w->save && now - w->saved >= SAVE_SECONDS) {
+        if (!render_save(render, w->save, w->report)) report_warning(w->report, NULL, 0, "%s", w->report->error);
+        w->saved = now;
+    }
+    if (w->progress && now - w->shown >= 0.2) {
         RenderStats s = render_stats(render);
         show_progress(w, &s, now);
         w->shown = now;
@@ -458,15 +234,25 @@ static bool is_black(const Image *image)
 static bool render_and_write(const Options *o, const Scene *scene, Render *render, Image *image, Report *report)
 {
     double now = clock_now();
-    Watch watch = { &o->settings, (double)scene->camera.width * scene->camera.height, now, now, o->verbosity >= 0 && isatty(STDERR_FILENO) };
+    Watch watch = { &o->settings, (double)scene->camera.width * scene->camera.height, now, now, o->verbosity >= 0 && isatty(STDERR_FILENO),
+                    o->save, now, report };
     struct sigaction action = { .sa_handler = on_signal, .sa_flags = SA_RESTART };
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
-    bool ok = scene->n_lights == 0 || render_run(render, keep_going, &watch);
+    bool ok = !o->resume || render_resume(render, o->resume, report);
+    if (!ok) {
+        complain(report);
+        return false;
+    }
+    ok = scene->n_lights == 0 || render_run(render, keep_going, &watch);
     if (watch.progress) fprintf(stderr, "\r%*s\r", SCREEN, "");
     if (!ok) {
         report_error(report, NULL, 0, "out of memory: the picture is not finished");
         complain(report);
+    }
+    if (o->save && !render_save(render, o->save, report)) {
+        complain(report);
+        ok = false;
     }
     RenderStats stats = render_stats(render);
     Cost cost = run_cost(&o->settings, &stats);
@@ -498,6 +284,7 @@ static bool render_scene(const Options *o, Report *report)
     bool ok = true;
     for (int i = 0; ok && i < o->outputs; i++) ok = check_writable(o->output[i], report);
     if (ok && o->stats && strcmp(o->stats, "-") != 0) ok = check_writable(o->stats, report);
+    if (ok && o->save) ok = check_writable(o->save, report);
     if (!ok || !scene_load(&scene, o->scene, &o->camera, build_effort(o), report)) {
         complain(report);
         return false;
@@ -508,7 +295,7 @@ static bool render_scene(const Options *o, Report *report)
     if ((double)width * height > pixels_max) ok = report_error(report, o->scene, 0, "a film of %ux%u is too large", (unsigned)width, (unsigned)height);
     else if (!(image = image_new(width, height)) || !(render = render_new(&scene, &o->settings))) ok = report_error(report, NULL, 0, "out of memory");
     if (ok) {
-        warn_options(o, &scene, report);
+        options_warn(o, &scene, report);
         ok = render_and_write(o, &scene, render, image, report);
     } else complain(report);
     render_free(render);
@@ -552,26 +339,83 @@ static char *default_outputs(Options *o)
     return names;
 }
 
-static int command_render(int argc, char **argv, double start)
+/* Reads the arguments of a command and runs it on them. */
+static int with_options(ForCommand command, int argc, char **argv, double start, bool (*run)(Options *, const char *const *operand, int operands, Report *))
 {
     Options o = { .settings = { .direct = LIGHT_APART, .max_depth = 64, .strategies = ALL_STRATEGIES, .seed = 1, .start = start },
                   .output = malloc(((size_t)argc + 2) * sizeof *o.output) };
+    const char **operand = malloc(((size_t)argc + 1) * sizeof *operand);
+    int operands = 0, status = EXIT_FAILURE;
     Report report = { .error = "out of memory" };
-    char *names = NULL;
-    int status = EXIT_FAILURE;
-    if (!o.output) complain(&report);
-    else if (!read_options(&o, argc, argv, &report)) status = usage_error(&report);
+    if (!o.output || !operand) complain(&report);
+    else if (!options_read(&o, command, argc, argv, operand, &operands, &report)) status = usage_error(&report);
     else if (o.help) status = print_help();
     else if (o.version) { puts("mlt 0.1.0"); status = printed(); }
-    else if (o.outputs == 0 && !(names = default_outputs(&o))) complain(&report);
     else {
         report.warnings = o.verbosity >= 0 ? stderr : NULL;
-        if (render_scene(&o, &report)) status = EXIT_SUCCESS;
+        if (run(&o, operand, operands, &report)) status = EXIT_SUCCESS;
     }
-    free(names);
+    free(operand);
     free(o.output);
     return status;
 }
+
+static bool run_render(Options *o, const char *const *operand, int operands, Report *report)
+{
+    (void)operand;
+    (void)operands;
+    char *names = o->outputs == 0 ? default_outputs(o) : NULL;
+    bool ok = o->outputs > 0 ? render_scene(o, report) : false;
+    if (o->outputs == 0) complain(report);
+    free(names);
+    return ok;
+}
+
+static int command_render(int argc, char **argv, double start) { return with_options(FOR_RENDER, argc, argv, start, run_render); }
+
+static bool run_explain(Options *o, const char *const *operand, int operands, Report *report)
+{
+    (void)operand;
+    (void)operands;
+    Scene scene;
+    const Settings *s = &o->settings;
+    bool ok = scene_load(&scene, o->scene, &o->camera, BVH_FAST, report);
+    if (ok) {
+        /* the space of the chains: without direct light if that is computed apart, as in a picture */
+        Space space = { &scene, s->max_depth, s->direct == LIGHT_CHAIN ? DIRECT_INCLUDED : s->direct == LIGHT_ONLY ? DIRECT_ONLY : DIRECT_EXCLUDED, NULL };
+        Sampler sampler = sampler_for(&scene, s->strategies);
+        o->explain.bootstrap = s->bootstrap;
+        o->explain.seed = s->seed;
+        ok = explain(&space, &sampler, &o->explain, stdout, report);
+        scene_free(&scene);
+    }
+    if (!ok) complain(report);
+    return printed() == EXIT_SUCCESS && ok;
+}
+
+static int command_explain(int argc, char **argv, double start) { return with_options(FOR_EXPLAIN, argc, argv, start, run_explain); }
+
+static bool run_merge(Options *o, const char *const *operand, int operands, Report *report)
+{
+    bool ok = o->outputs > 0 || report_error(report, NULL, 0, "merge needs an output: -o FILE");
+    for (int i = 0; ok && i < o->outputs; i++) ok = check_writable(o->output[i], report);
+    Render *merged = ok ? render_merge(operand, operands, report) : NULL;
+    Image *image = merged ? image_new(render_width(merged), render_height(merged)) : NULL;
+    if (image) {
+        render_image(merged, image);
+        ok = write_pictures(o, merged, image, report);
+        if (o->verbosity > 0) fprintf(stderr, "%d runs, %" PRIu64 " samples or mutations, estimated error %.3g %%\n", operands, render_stats(merged).mutations, 100 * render_stats(merged).relative_error);
+    } else {
+        if (merged) report_error(report, NULL, 0, "out of memory");
+        complain(report);
+        ok = false;
+    }
+    image_free(image);
+    render_merged_free(merged);
+    return ok;
+}
+
+static int command_merge(int argc, char **argv, double start) { return with_options(FOR_MERGE, argc, argv, start, run_merge); }
 
 static int command_compare(int argc, char **argv, double start)
 {
@@ -604,6 +448,8 @@ static const struct {
 } command_table[] = {
     { "", "[options] SCENE.obj", "render", command_render },
     { "compare", "A.pfm B.pfm", "error of A against the reference B: rmse, relmse, ratio of means", command_compare },
+    { "merge", "-o OUT.pfm RUN...", "combine independent runs of one scene (see --save)", command_merge },
+    { "explain", "[options] SCENE.obj", "one real mutation with every term of R(y|x) and a(y|x); --audit tests all", command_explain },
 };
 enum { COMMANDS = sizeof command_table / sizeof *command_table };
 
@@ -614,16 +460,7 @@ static int print_help(void)
         printf("%s mlt %s%s%-*s   %s\n", i ? "      " : "usage:", name, *name ? " " : "", 26 - (int)strlen(name), command_table[i].arguments, command_table[i].help);
     }
     puts("\nOptions, with their default in brackets; NAME.cam is the file beside SCENE.obj.");
-    for (int i = 0; i < OPTIONS; i++) {
-        const Option *option = &option_table[i];
-        const char letter[] = { '-', option->letter, ',', ' ', 0 }, *line = option->help;
-        int at = printf("  %s--%s %s", option->letter ? letter : "    ", option->name, option->argument ? option->argument : "");
-        for (; *line; at = 0) {
-            int n = (int)strcspn(line, "\n");
-            printf("%*s%.*s\n", 26 - at, "", n, line);
-            line += n + (line[n] == '\n');
-        }
-    }
+    options_help();
     puts("\nExit status: 0 done, 1 the scene or a file cannot be used, 2 wrong usage. Ctrl-C stops the run and writes the image as it stands.");
     return printed();
 }

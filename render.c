@@ -48,7 +48,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     r->sampler = sampler_for(scene, settings->strategies);
     r->direct_share = 0.2;
     r->rate = 1e6;
-    r->samples_rate = 5e4;
+    r->samples_rate = 1e4;
     r->relative_error = NAN;
     return r;
 }
@@ -195,7 +195,7 @@ void run_learn(Render *r)
             r->start_share = best_share(by_b, r->stats.start_rays, fmax(chain - by_b, 0.1 * chain), r->stats.chain_rays);
         }
         if (r->has_chain) r->chain_space.weight = r->weight;
-    } else if (r->has_direct && !r->has_chain) r->relative_error = 0;
+    } else if (!r->has_chain || r->stats.bootstrap_hits == 0) r->relative_error = 0;     /* black, and nothing says that it should not be */
     image_free(picture);
 }
 
@@ -289,7 +289,6 @@ static bool run_round(Render *r)
     double began = clock_now(), seconds_start = began - start;
     r->stats.seconds_start += seconds_start;
     r->samples_rate = (double)boot.n / fmax(1e-6, seconds_start);
-    before = *rays;
     double offset = (double)(rng_new(seed, stream - 1).s[0] >> 11) * 0x1p-53, steps_before = round->steps;
     while (round->chain < round->chains && going(r) && in_time(r, round->chain_deadline)) {
         if (round->left == 0) {
@@ -304,15 +303,16 @@ static bool run_round(Render *r)
             }
         }
         double n = fmin(round->left, SLICE);
+        before = *rays;
         chain_run(&r->chain_space, &r->sampler, r->x, r->y, (uint64_t)n, &round->rng, splat_path, r, &r->stats.chain);
         round->steps += n;
         round->left -= n;
+        r->stats.chain_rays += *rays - before;
         if (round->left == 0) round->chain++;
     }
     bootstrap_free(&boot);
     double seconds = clock_now() - began;
     r->stats.seconds_chain += seconds;
-    r->stats.chain_rays += *rays - before;
     if (round->steps > steps_before) r->rate = (round->steps - steps_before) / fmax(1e-6, seconds);
     return true;
 }

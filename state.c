@@ -26,7 +26,8 @@ static uint64_t identity(const Scene *scene, const Settings *s)
     hash(&h, m->triangle, m->n_triangles * sizeof *m->triangle);
     hash(&h, m->triangle_material, m->n_triangles * sizeof *m->triangle_material);
     if (m->normal) hash(&h, m->normal, m->n_normals * sizeof *m->normal);
-    if (m->triangle_normal) hash(&h, m->triangle_normal, m->n_triangles * sizeof *m->triangle_normal);
+    for (uint32_t i = 0; m->triangle_normal && i < m->n_triangles; i++)     /* without normals only the first index says anything */
+        hash(&h, m->triangle_normal[i], m->triangle_normal[i][0] == BVH_NONE ? sizeof(uint32_t) : sizeof *m->triangle_normal);
     for (uint32_t i = 0; i < m->n_materials; i++) {
         const Material *a = &m->material[i];
         const Vec3 colours[] = { a->kd, a->ks, a->tf, a->ke };

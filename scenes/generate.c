@@ -313,13 +313,13 @@ static void caustic(const char *folder)
         "# tracer has to hit the small light by chance to find it; paths from the light find it at once.  Seen through the\n"
         "# ball, the caustic needs both.  The wall behind is lit by the light reflected off the ball, too.\n");
     part(&obj, "floor", "floor");
-    level(&obj, -6, 6, -3, 6, 0, true);
+    level(&obj, -7, 7, -6, 6, 0, true);
     part(&obj, "wall", "wall");
-    sheet(&obj, vec(-6, 0, -3), vec(12, 0, 0), vec(0, 6, 0));
+    sheet(&obj, vec(-7, 0, -6), vec(14, 0, 0), vec(0, 7, 0));
     part(&obj, "ball", "glass");
     ball(&obj, 1, 2, 0, 84, 168, (Place){ { 0, 0.001, 0 }, 0 }, true);
     part(&obj, "light", "light");   /* faces the ball */
-    Vec3 at = vec(-4.2, 3.7, -1.5), towards = unit(sub(vec(0, 1, 0), at)), u = unit(cross(vec(0, 1, 0), towards)), v = cross(towards, u);
+    Vec3 at = vec(-3.6, 3.6, -3.2), towards = unit(sub(vec(0, 1, 0), at)), u = unit(cross(vec(0, 1, 0), towards)), v = cross(towards, u);
     double half = 0.15;
     sheet(&obj, sub(at, scale(half, add(u, v))), scale(2 * half, u), scale(2 * half, v));
     obj_end(&obj);
@@ -327,8 +327,8 @@ static void caustic(const char *folder)
 
 static void pool(const char *folder)
 {
-    static const Wave wave[] = { { 0.35, 0.92, 0.0160, 0.3 }, { 1.25, 0.66, 0.0095, 1.9 }, { 2.30, 0.50, 0.0058, 4.1 },
-                                 { 2.95, 0.75, 0.0115, 5.2 }, { 4.45, 0.41, 0.0036, 2.6 }, { 5.60, 0.57, 0.0072, 0.8 } };
+    static const Wave wave[] = { { 0.35, 0.92, 0.0125, 0.3 }, { 1.25, 0.66, 0.0075, 1.9 }, { 2.30, 0.50, 0.0045, 4.1 },
+                                 { 2.95, 0.75, 0.0090, 5.2 }, { 4.45, 0.41, 0.0028, 2.6 }, { 5.60, 0.57, 0.0056, 0.8 } };
     Obj obj = obj_begin(folder, "pool",
         "# A swimming pool at night: ripples on the water, and their caustics on the tiles, seen through the ripples.\n"
         "#\n"

@@ -1,0 +1,416 @@
+#!/bin/sh
+# The program as its users meet it: wrong usage, files that cannot be used, what is written and what is not, signals, counters.
+#
+#   sh test/test_cli.sh [PROGRAM]      ./mlt if none is given
+#
+# Tiny scenes in a folder of its own, which is removed. Says nothing about the pictures' correctness; other tests do.
+# The last line is 'N passed, N failed'; the status is 1 if anything failed.
+
+mlt=${1:-./mlt}
+case $mlt in /*) ;; *) mlt=$PWD/$mlt ;; esac
+folder=$(mktemp -d) || exit 1
+trap 'rm -rf "$folder"' EXIT
+trap 'exit 1' HUP INT TERM
+cd "$folder" || exit 1
+passed=0 failed=0
+
+# check WHAT COMMAND...: the command must succeed
+check()
+{
+    what=$1
+    shift
+    if "$@"; then passed=$((passed + 1)); else failed=$((failed + 1)); echo "failed: $what"; fi
+}
+
+# run ARGUMENT...: leaves status, and the two streams in files
+run() { "$mlt" "$@" >"$folder/stdout" 2>"$folder/stderr"; status=$?; }
+
+# expect STATUS ARGUMENT...
+expect()
+{
+    wanted=$1
+    shift
+    run "$@"
+    check "status $status, not $wanted: mlt $*" test "$status" -eq "$wanted"
+}
+
+silent() { test ! -s stdout && test ! -s stderr; }
+not() { ! "$@"; }
+# only_files NAME...: the files in the folder 'out'
+only_files() { test "$(cd out && ls | tr '\n' ' ')" = "$(for f; do printf '%s ' "$f"; done)"; }
+# all_zero FILE COUNT: the last COUNT bytes
+all_zero() { test -s "$1" && test "$(tail -c "$2" "$1" | tr -d '\000' | wc -c)" -eq 0; }
+bytes() { wc -c <"$1" | tr -d ' '; }
+
+# ---- scenes ----
+
+cat >room.mtl <<'END'
+newmtl white
+Kd 0.7 0.6 0.5
+newmtl lamp
+Kd 0 0 0
+Ke 9 8 7
+END
+cat >room.obj <<'END'
+mtllib room.mtl
+v -1 0 -1
+v -1 0 1
+v 1 0 1
+v 1 0 -1
+v -1 2 -1
+v 1 2 -1
+v -0.3 1.9 -0.3
+v 0.3 1.9 -0.3
+v 0.3 1.9 0.3
+v -0.3 1.9 0.3
+usemtl white
+f 1 2 3 4
+f 1 4 6 5
+usemtl lamp
+f 7 8 9 10
+END
+cat >room.cam <<'END'
+eye 0 1 4
+look 0 0.9 0
+fov 40
+size 24 16
+END
+sed '/usemtl lamp/,$d' room.obj >dark.obj              # no light
+cp room.obj blind.obj                                  # a light that the camera cannot see: all is behind it
+printf 'eye 0 1 4\nlook 0 1 9\nsize 24 16\n' >blind.cam
+cp room.cam dark.cam
+printf 'v 0 0 0\nv 1 0 0\n' >faceless.obj
+printf 'v 0 0 0\nv 1 0 zero\nv 0 1 0\nf 1 2 3\n' >broken.obj
+cp room.obj badcam.obj
+printf 'eye 0 0 1\nfov 200\n' >badcam.cam
+mkdir out
+short='-q -n 4 --bootstrap 500'
+
+# ---- wrong usage: status 2, a hint, nothing on standard output, nothing written ----
+
+usage()
+{
+    expect 2 "$@"
+    check "hint for: mlt $*" grep -q -- '--help' stderr
+    check "message for: mlt $*" grep -q '^mlt: ' stderr
+    check "nothing on standard output: mlt $*" test ! -s stdout
+}
+
+usage
+usage --nonsense room.obj
+usage -z room.obj
+usage -qz room.obj
+usage room.obj dark.obj
+usage room.obj -n
+usage room.obj -o
+usage room.obj --quiet=1
+usage room.obj -o picture.exr
+usage room.obj -o picture
+usage room.obj -o ''
+usage room.obj --stats ''
+for value in 0 -1 x '' 4x ' 4' nan inf 1e999 1,5; do
+    usage room.obj -n "$value"
+    usage room.obj "--time=$value"
+    usage room.obj -e "$value"
+done
+for value in 12 12x x12 12x12x12 0x12 12x0 1.5x12 -1x12 65536x1 65535x65535 12X12 '12 x12'; do usage room.obj -s "$value"; done
+for value in 1,2 1,2,3,4 1,2, ,1,2 1,2,x 1:2:3 ''; do usage room.obj --eye "$value"; done
+usage room.obj --up 0,0,0
+usage room.obj --fov 0
+usage room.obj --fov 180
+usage room.obj --aperture -1
+usage room.obj --focus 0
+for value in -1 1.5 x 1e300; do usage room.obj --seed "$value"; done
+for value in 0 256 2.5 x; do usage room.obj --max-depth "$value"; done
+for value in 0 -5 1.5 x; do
+    usage room.obj --chains "$value"
+    usage room.obj --bootstrap "$value"
+done
+for value in '' nonsense bidir,nonsense bidir, ,bidir bidir,,lens Bidir; do usage room.obj --strategies "$value"; done
+usage room.obj --integrator nonsense
+usage room.obj --integrator pat
+usage room.obj --direct nonsense
+usage room.obj --exposure bright
+usage compare
+usage compare one.pfm
+usage compare one.pfm two.pfm three.pfm
+usage compare --nonsense one.pfm two.pfm
+check 'wrong usage writes nothing' not ls ./*.pfm ./*.ppm 2>/dev/null
+
+# ---- help and version ----
+
+expect 0 --help
+check 'help says nothing on standard error' test ! -s stderr
+for option in output size eye look up fov aperture focus mutations time error seed integrator strategies direct max-depth bootstrap chains \
+              exposure stats quiet verbose help version; do
+    check "help names --$option" grep -q -- "--$option" stdout
+done
+for word in compare bidir,lens,caustic,chain,subpath bdpt apart; do check "help names $word" grep -q -- "$word" stdout; done
+expect 0 --version
+check 'version' grep -qx 'mlt [0-9.]*' stdout
+
+# ---- files that cannot be used: status 1, the file named, nothing written ----
+
+unusable()
+{
+    name=$1
+    shift
+    expect 1 "$@" -o out/x.pfm
+    check "'$name' in the message of: mlt $*" grep -q "^mlt: .*$name" stderr
+    check "nothing written by: mlt $*" only_files
+}
+unusable nowhere.obj nowhere.obj
+unusable faceless.obj faceless.obj
+unusable broken.obj:2 broken.obj
+unusable badcam.cam:2 badcam.obj
+unusable out out
+unusable room.obj room.obj --eye 1,1,1 --look 1,1,1
+echo before >out/kept.pfm
+expect 1 broken.obj -o out/kept.pfm
+check 'a failed run leaves the old file' grep -qx before out/kept.pfm
+rm out/kept.pfm
+
+# A place that cannot be written is found before the run, and nothing else is written either.
+start=$(date +%s)
+mkdir out/folder.ppm
+expect 1 room.obj -t 60 -o out/x.pfm -o nowhere/y.pfm
+check 'the place is named' grep -q nowhere/y.pfm stderr
+expect 1 room.obj -t 60 -o out/x.pfm -o out/folder.ppm
+expect 1 room.obj -t 60 -o out/x.pfm --stats nowhere/stats.json
+check 'places are tried before the run' test $(($(date +%s) - start)) -lt 20
+rmdir out/folder.ppm
+check 'nothing is written if one place is bad' only_files
+
+# A disk that fills up: the old file stays, and no half of a new one.
+echo before >out/kept.pfm
+(trap '' XFSZ && ulimit -f 4 && "$mlt" room.obj $short -s 64x64 -o out/kept.pfm) >stdout 2>stderr
+check 'no room: status 1' test $? -eq 1
+check 'no room: the old file stays' grep -qx before out/kept.pfm
+check 'no room: no half' only_files kept.pfm
+rm out/kept.pfm
+
+# Too little memory is an error, no crash. (Skipped where a program cannot start in so little, as under sanitizers.)
+if (ulimit -v 400000 && "$mlt" --version; exit $?) >/dev/null 2>&1; then
+    (ulimit -v 400000 && "$mlt" room.obj $short -s 16000x16000 -o out/x.pfm) >stdout 2>stderr
+    check 'no memory: status 1' test $? -eq 1
+    check 'no memory: says so' grep -q 'mlt: .*memory' stderr
+    check 'no memory: nothing written' only_files
+fi
+
+# ---- what is written ----
+
+mkdir scenes
+cp room.* scenes
+(cd out && "$mlt" ../scenes/room.obj $short) >stdout 2>stderr
+check 'a run with default outputs' test $? -eq 0
+check 'NAME.pfm and NAME.ppm in the current folder, and nothing else' only_files room.pfm room.ppm
+check 'not a word when all is well' silent
+check 'PFM: colour, size of NAME.cam' test "$(head -n 3 out/room.pfm | tr '\n' ' ')" = "PF 24 16 $(sed -n 3p out/room.pfm) "
+check 'PFM: little endian, scale 1' test "$(sed -n 3p out/room.pfm | awk '{ print $1 + 0 }')" = -1
+check 'PFM: all values' test "$(bytes out/room.pfm)" -eq $((12 * 24 * 16 + $(head -n 3 out/room.pfm | wc -c)))
+check 'PFM: not black' not all_zero out/room.pfm $((12 * 24 * 16))
+check 'PPM: header' test "$(head -n 3 out/room.ppm | tr '\n' ' ')" = 'P6 24 16 255 '
+rm -f out/*
+
+expect 0 $short -oout/a.pfm --output=out/b.pfm -o out/c.PPM --output out/d.png room.obj -o out/e.error.pfm
+check 'every -o, and no default output' only_files a.pfm b.pfm c.PPM d.png e.error.pfm
+check 'the same picture twice' cmp out/a.pfm out/b.pfm
+check 'PNG: signature' test "$(head -c 8 out/d.png | od -An -tx1 | tr -d ' \n')" = 89504e470d0a1a0a
+check 'the standard error is another picture' not cmp -s out/a.pfm out/e.error.pfm
+check 'the standard error has the same size' test "$(bytes out/a.pfm)" -eq "$(bytes out/e.error.pfm)"
+cp out/a.pfm first.pfm
+rm -f out/*
+
+expect 0 $short -o out/a.pfm -- room.obj
+check 'options before, and --' cmp out/a.pfm first.pfm
+cp room.obj ./-dash.obj && cp room.cam ./-dash.cam
+expect 0 $short -o out/a.pfm -- -dash.obj
+check 'a scene that begins with a dash' cmp out/a.pfm first.pfm
+
+expect 0 room.obj $short -s 7x5 -o out/a.pfm
+check 'size on the command line wins' grep -aqx '7 5' out/a.pfm
+expect 0 room.obj $short --size=1x1 -o out/a.pfm
+check 'one pixel' grep -aqx '1 1' out/a.pfm
+expect 0 room.obj $short --eye -1,1,4 --look 0,1,0 --up=0,0,1 --fov 50 --aperture 0.1 --focus 4 -o out/a.pfm
+check 'the camera on the command line wins' not cmp -s out/a.pfm first.pfm
+expect 0 room.obj $short -o out/a.pfm -o out/a.ppm
+expect 0 room.obj $short --exposure 1 -o out/b.pfm -o out/b.ppm
+check 'exposure leaves .pfm alone' cmp out/a.pfm out/b.pfm
+check 'exposure changes .ppm' not cmp -s out/a.ppm out/b.ppm
+rm -f out/*
+
+# ---- the same seed: the same bits ----
+
+for options in '' '--integrator bdpt' '--integrator path' '--direct chain' '--direct only' '--direct none' '--strategies bidir,lens --chains 50 --max-depth 5'; do
+    expect 0 room.obj $short $options -o out/a.pfm
+    expect 0 $short $options --seed 1 -o out/b.pfm room.obj
+    expect 0 room.obj $short $options --seed 2 -o out/c.pfm
+    check "seed 1 is the default, and gives the same file: $options" cmp out/a.pfm out/b.pfm
+    check "seed 2 gives another file: $options" not cmp -s out/a.pfm out/c.pfm
+done
+rm -f out/*
+
+# ---- limits ----
+
+# between LOW HIGH VALUE
+between() { awk -v low="$1" -v high="$2" -v value="$3" 'BEGIN { exit !(value != "" && value >= low && value <= high) }'; }
+# value KEY FILE: of a number in a statistics file
+value() { sed -n "s/^ *\"$1\": \([^,]*\),*\$/\1/p" "$2"; }
+
+for options in '' '--integrator path' '--integrator bdpt'; do
+    start=$(date +%s)
+    expect 0 room.obj -q -s 4x4 -t 2 $options --stats out/stats -o out/a.pfm
+    took=$(($(date +%s) - start))
+    check "-t 2 took $took s: $options" between 1 5 "$took"
+    check "-t 2 is used up, as it lifts the default -n: $options" between 1.5 4 "$(value seconds_total out/stats)"
+done
+expect 0 room.obj -q -t 30 -n 4 --bootstrap 500 --stats out/stats -o out/a.pfm
+check '-n before -t' between 0 20 "$(value seconds_total out/stats)"
+for options in '' '--integrator path' '--integrator bdpt'; do
+    expect 0 room.obj -q -e 0.3 -t 30 --bootstrap 5000 $options --stats out/stats -o out/a.pfm
+    check "-e before -t: $options" between 0 20 "$(value seconds_total out/stats)"
+    check "-e is reached: $options" between 0 0.3 "$(value estimated_relative_error out/stats)"
+done
+rm -f out/*
+
+# ---- signals ----
+
+for signal in TERM INT; do
+    for options in '' '--integrator path'; do
+        "$mlt" room.obj -t 60 $options -o out/a.pfm -o out/a.ppm --stats out/stats >stdout 2>stderr &
+        sleep 1
+        kill -$signal $!
+        wait $!
+        check "SIG$signal: status 0: $options" test $? -eq 0
+        check "SIG$signal: all files: $options" only_files a.pfm a.ppm stats
+        check "SIG$signal: a whole picture: $options" test "$(bytes out/a.pfm)" -eq "$(bytes first.pfm)"
+        check "SIG$signal: not black: $options" not all_zero out/a.pfm $((12 * 24 * 16))
+        check "SIG$signal: at once: $options" between 0 20 "$(value seconds_total out/stats)"
+        rm -f out/*
+    done
+done
+
+# ---- counters ----
+
+# Reads JSON as RFC 8259 has it, numbers of which the reader could not make sense included; silent if it is well-formed.
+cat >json.awk <<'END'
+{ text = text $0 "\n" }
+function skip() { sub(/^[ \t\r\n]+/, "", text) }
+function take(pattern) { skip(); if (!match(text, "^(" pattern ")")) return 0; text = substr(text, RLENGTH + 1); return 1 }
+function string() { return take("\"[^\"\\\\]*\"") }
+function value() {
+    if (take("\\{")) {
+        if (take("\\}")) return 1
+        do { if (!string() || !take(":") || !value()) return 0 } while (take(","))
+        return take("\\}")
+    }
+    if (take("\\[")) {
+        if (take("\\]")) return 1
+        do { if (!value()) return 0 } while (take(","))
+        return take("\\]")
+    }
+    return string() || take("-?(0|[1-9][0-9]*)(\\.[0-9]+)?([eE][-+]?[0-9]+)?") || take("true|false|null")
+}
+END { good = value(); skip(); exit !(good && text == "") }
+END
+well_formed() { awk -f json.awk "$1"; }
+printf '{"a": [1, -2.5e+3, {}], "b": null}\n' >good.json
+check 'the JSON reader accepts' well_formed good.json
+for text in '{"a": nan}' '{"a": 1,}' '{"a": [1 2]}' '{"a": 1' '{"a": inf}' '{"a": 1} 2' '{"a": 01}'; do
+    printf '%s\n' "$text" >bad.json
+    check "the JSON reader refuses $text" not well_formed bad.json
+done
+
+keys='seconds_load seconds_build seconds_start seconds_direct seconds_chain triangles mutations mutations_per_second rays rays_per_mutation
+      b b_stderr estimated_relative_error peak_bytes bad_samples longest_rejection_run'
+for options in 'room.obj' 'room.obj --integrator path' 'room.obj --integrator bdpt' 'room.obj --direct only' 'dark.obj' 'blind.obj' 'room.obj -s 1x1 -n 0.5' \
+               'room.obj -t 0.0001'; do
+    expect 0 $short $options --stats out/stats -o out/a.pfm
+    check "well-formed: $options" well_formed out/stats
+    for key in $keys; do check "key $key: $options" grep -q "^ *\"$key\": [-0-9n]" out/stats; done
+    check "key strategies: $options" grep -q '"strategies": \[' out/stats
+done
+expect 0 room.obj $short --stats out/stats -o out/a.pfm
+check 'mutations are -n times pixels' test "$(value mutations out/stats)" -eq $((4 * 24 * 16))
+check 'triangles' test "$(value triangles out/stats)" -eq 6
+check 'bad_samples' test "$(value bad_samples out/stats)" -eq 0
+check 'memory' between 1e5 1e10 "$(value peak_bytes out/stats)"
+check 'b' between 1e-3 1e3 "$(value b out/stats)"
+for name in bidir lens caustic chain subpath; do check "strategy $name" grep -q "\"name\": \"$name\", \"proposed\": [0-9]*, \"zero\": [0-9]*, \"accepted\": [0-9]*" out/stats; done
+check 'proposals add up' awk -v all="$(value mutations out/stats)" '
+    /"name"/ {
+        gsub(/[^0-9,:]/, ""); split($0, part, /[,:]+/)
+        proposed = part[2]; zero = part[3]; accepted = part[4]; reasons = 0
+        for (i = 5; i in part; i++) reasons += part[i]
+        if (zero + accepted > proposed || reasons != zero) bad = 1
+        sum += proposed
+    }
+    END { exit bad || sum == 0 || sum > all }' out/stats
+expect 0 room.obj $short --stats - -o out/a.pfm
+check '--stats - is JSON on standard output' well_formed stdout
+expect 0 room.obj $short --stats /dev/null -o out/a.pfm
+check 'a device is not replaced by a file' test -c /dev/null
+rm -f out/*
+
+# ---- quiet and verbose ----
+
+expect 0 room.obj -n 4 --bootstrap 500 -o out/a.pfm
+check 'no progress line where there is no terminal' silent
+expect 0 room.obj -v -n 4 --bootstrap 500 -o out/a.pfm
+check 'the summary is on standard error' test ! -s stdout
+for word in triangles seconds mutations bidir 'estimated error'; do check "the summary has '$word'" grep -q "$word" stderr; done
+expect 1 -q broken.obj -o out/a.pfm
+check '-q does not hide errors' test -s stderr
+expect 0 room.obj -n 1 --bootstrap 500 --strategies lens -o out/a.pfm
+check 'a warning for strategies that are not ergodic' grep -q '^mlt: warning: .*ergodic' stderr
+expect 0 room.obj -n 1 --bootstrap 500 --strategies caustic -o out/a.pfm
+check 'a warning for strategies of no use' grep -q '^mlt: warning: ' stderr
+expect 0 room.obj -n 1 --bootstrap 500 --strategies subpath,bidir -o out/a.pfm
+check 'no warning with bidir' silent
+rm -f out/*
+
+# ---- black scenes: a warning and a black picture ----
+
+for scene in dark blind; do
+    for options in '--integrator mlt' '--integrator path' '--integrator bdpt' '--direct chain' '--direct only' '--direct none' '-e 0.1 -t 3'; do
+        expect 0 $scene.obj -n 2 --bootstrap 500 $options -o out/a.pfm
+        check "a warning: $scene, $options" grep -q '^mlt: warning: .*black' stderr
+        check "black: $scene, $options" all_zero out/a.pfm $((12 * 24 * 16))
+    done
+    expect 0 $scene.obj $short -o out/a.pfm
+    check "no warning with -q: $scene" silent
+done
+# No error can be estimated where there is nothing to see: -e alone must end all the same.
+for options in '' '--integrator path' '--integrator bdpt'; do
+    "$mlt" blind.obj -q -s 4x4 -e 0.1 $options -o out/a.pfm &
+    render=$!
+    (for second in 1 2 3 4 5 6 7 8 9 10; do sleep 1; done; kill -KILL $render) >/dev/null 2>&1 &
+    watchdog=$!
+    wait $render
+    check "nothing to see: -e ends the run: $options" test $? -eq 0
+    kill $watchdog 2>/dev/null
+done
+rm -f out/*
+
+# ---- compare ----
+
+printf 'PF\n1 1\n-1\n\000\000\000\100\000\000\000\100\000\000\000\100' >two.pfm
+printf 'PF\n1 1\n-1\n\000\000\200\077\000\000\200\077\000\000\200\077' >one.pfm
+printf 'PF\n1 1\n-1\n\000\000\200\077' >half.pfm
+expect 0 compare two.pfm one.pfm
+check 'rmse of 2 against 1' between 0.999999 1.000001 "$(sed -n 's/^rmse //p' stdout)"
+check 'relmse of 2 against 1: 1/1.01' between 0.990098 0.9901 "$(sed -n 's/^relmse //p' stdout)"
+check 'ratio of means of 2 against 1' between 1.999999 2.000001 "$(sed -n 's/^ratio_of_means //p' stdout)"
+check 'three lines, no message' test "$(wc -l <stdout)" -eq 3 -a ! -s stderr
+expect 0 compare first.pfm first.pfm
+check 'a picture against itself' test "$(tr '\n' ' ' <stdout)" = 'rmse 0 relmse 0 ratio_of_means 1 '
+expect 0 compare -- first.pfm first.pfm
+for pair in 'one.pfm first.pfm' 'nowhere.pfm one.pfm' 'one.pfm nowhere.pfm' 'half.pfm one.pfm' 'room.obj one.pfm'; do
+    expect 1 compare $pair
+    check "message, and no result: compare $pair" test -s stderr -a ! -s stdout
+done
+expect 0 compare --help
+
+check 'no temporary files left' test -z "$(find . -name '*.tmp*')"
+echo "$passed passed, $failed failed"
+test "$failed" -eq 0
