@@ -3,7 +3,7 @@
  *     cc -o gen scenes/generate.c -lm && ./gen scenes test/scenes
  *
  * writes SCENES/{caustic,pool,glossy,door}.obj and TESTS/{mirror-smooth,water-smooth,underwater,lens-dof,dark,blind,texture,direct}.obj
- * and TESTS/texture.ppm, always the same bytes.  The .mtl and .cam files beside them, and cornell and furnace, are written by hand.
+ * and TESTS/checker.ppm, always the same bytes.  The .mtl and .cam files beside them, and cornell and furnace, are written by hand.
  *
  * Conventions: y is up.  Every face's vertices run counter-clockwise seen from its front: outwards for solids, inwards for rooms, on the side
  * that shines for lights, in the air for water.  Smooth surfaces carry their exact normals, which need no faith in the tessellation. */
@@ -309,17 +309,17 @@ static void caustic(const char *folder)
     Obj obj = obj_begin(folder, "caustic",
         "# A glass ball on a diffuse floor, lit by one small light: a caustic.\n"
         "#\n"
-        "# The ball (index 1.5, smooth normals, front outwards) bundles the light into a bright arc on the floor.  A path\n"
+        "# The ball (index 1.5, smooth normals, front outwards) bundles the light into a bright spot in its shadow.  A path\n"
         "# tracer has to hit the small light by chance to find it; paths from the light find it at once.  Seen through the\n"
         "# ball, the caustic needs both.  The wall behind is lit by the light reflected off the ball, too.\n");
     part(&obj, "floor", "floor");
-    level(&obj, -7, 7, -6, 6, 0, true);
+    level(&obj, -11, 11, -6, 6, 0, true);
     part(&obj, "wall", "wall");
-    sheet(&obj, vec(-7, 0, -6), vec(14, 0, 0), vec(0, 7, 0));
+    sheet(&obj, vec(-11, 0, -6), vec(22, 0, 0), vec(0, 7, 0));
     part(&obj, "ball", "glass");
     ball(&obj, 1, 2, 0, 84, 168, (Place){ { 0, 0.001, 0 }, 0 }, true);
-    part(&obj, "light", "light");   /* faces the ball */
-    Vec3 at = vec(-3.6, 3.6, -3.2), towards = unit(sub(vec(0, 1, 0), at)), u = unit(cross(vec(0, 1, 0), towards)), v = cross(towards, u);
+    part(&obj, "light", "light");   /* aimed before the ball, so that it lights the whole floor */
+    Vec3 at = vec(-3.6, 3.6, -3.2), towards = unit(sub(vec(-2, 0, -1.8), at)), u = unit(cross(vec(0, 1, 0), towards)), v = cross(towards, u);
     double half = 0.15;
     sheet(&obj, sub(at, scale(half, add(u, v))), scale(2 * half, u), scale(2 * half, v));
     obj_end(&obj);
@@ -370,7 +370,7 @@ static void glossy(const char *folder)
         "# Four Phong plates, from dull to almost a mirror, under four lights from large to small.\n"
         "#\n"
         "# After the plates by which Eric Veach explained multiple importance sampling.  Exponents 10, 100, 1000 and 10000\n"
-        "# from the nearest plate to the farthest; the four spheres shine with the same power, so that the smallest is the\n"
+        "# from the nearest plate to the farthest; the four spheres shine with about the same power, so that the smallest is the\n"
         "# brightest.  Each plate is tilted so that it shows the eye a reflection of every sphere: sharp small ones far\n"
         "# away, broad bands nearby.  Large light on the sharpest plate: only sampling the reflection works; small light on the\n"
         "# dullest: only sampling the light does.\n");
@@ -593,7 +593,7 @@ static void texture(const char *folder)
     sheet(&obj, vec(4, -4, 20), vec(-8, 0, 0), vec(0, 8, 0));
     obj_end(&obj);
 
-    FILE *file = file_open(folder, "texture.ppm", "w");
+    FILE *file = file_open(folder, "checker.ppm", "w");
     fprintf(file, "P3\n# Written by scenes/generate.c.\n%d %d\n255\n", SIZE, SIZE);
     for (int y = 0; y < SIZE; y++)
         for (int x = 0; x < SIZE; x++) {
@@ -602,7 +602,7 @@ static void texture(const char *folder)
             fprintf(file, "%d %d %d\n", right == low ? value : 0, right ? value : 0, low ? value : 0);
         }
     if (fclose(file))
-        fail("texture.ppm");
+        fail("checker.ppm");
 }
 
 static void direct(const char *folder)
