@@ -223,15 +223,22 @@ static void splat_path(void *context, const Path *path, double weight)
     film[2] += scale * path->colour.z;
 }
 
-/* How many chains share a round's steps: as many as the bootstrap has seeds that are worth one, for chains from the same heavy seed would
- * walk the same ground, and one long chain gets further than they. */
-static double chain_number(const Render *r, const Bootstrap *boot, double steps)
+/* How many chains share a round's steps: as many as its bootstrap is likely to have seeds that are worth one, for chains from the same heavy
+ * seed would walk the same ground, and one long chain gets further than they. Likely by earlier rounds: were it this one's own, the
+ * chains' length would depend on the weights, and the expectation would no longer be exact. */
+static double chain_number(const Render *r)
 {
     const Settings *s = r->settings;
+    double steps = r->round.planned, seeds = r->seeds_per_sample > 0 ? r->seeds_per_sample * (double)r->round.n_bootstrap : 128;
     if (s->chains > 0) return fmax(1, s->per_pixel > 0 ? floor((double)s->chains * steps / (s->per_pixel * (double)r->pixels) + 0.5) : ceil((double)s->chains / (ROUNDS + 1)));
+    return floor(fmin(fmax(0.5 * seeds, 8), fmax(1, steps / 64)));
+}
+
+/* 1 / (sum of squared shares of the weight), per sample */
+static double effective_seeds(const Bootstrap *boot)
+{
     double n = (double)boot->n, mean_square = boot->b_variance * (n - 1) + boot->b * boot->b;
-    double effective = boot->b > 0 ? n * boot->b * boot->b / mean_square : 1;      /* 1 / sum of squared shares */
-    return floor(fmin(fmax(0.5 * effective, 8), fmax(1, steps / 64)));
+    return boot->b > 0 ? boot->b * boot->b / mean_square : 0;
 }
 
 /* For a round of so many steps: by the share of rays that was found best; at first, and at least where no clock presses, 100000 for the run. */
@@ -279,7 +286,8 @@ static bool run_round(Render *r)
     else {
         round->b = boot.b;
         round->b_variance = boot.b_variance;
-        round->chains = chain_number(r, &boot, round->planned);
+        round->chains = chain_number(r);
+        r->seeds_per_sample = effective_seeds(&boot);
         memset(r->film, 0, 3 * r->pixels * sizeof *r->film);
         r->stats.bad_samples += boot.bad;
         r->stats.bootstrap_samples += boot.n;

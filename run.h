@@ -42,6 +42,7 @@ struct Render {
     double rate, samples_rate;     /* steps and bootstrap samples per second; guesses before the pilot */
     double direct_share;           /* rays of direct light per ray of the chains */
     double start_share;            /* rays of the bootstrap per ray of the chains; 0 while unknown */
+    double seeds_per_sample;       /* worth a chain of their own, of the last bootstrap; 0 while unknown */
     double relative_error;
     RenderStats stats;
     bool (*keep_going)(void *, const Render *);

@@ -91,7 +91,7 @@ static void pass_state(Stream *s, Render *r)
     pass(s, &r->passes.rows, sizeof r->passes.rows);
     pass(s, &r->passes.rays, sizeof r->passes.rays);
     pass(s, r->scene->rays, sizeof *r->scene->rays);
-    double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share, &r->relative_error };
+    double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share, &r->seeds_per_sample, &r->relative_error };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
     uint64_t weighted = r->chain_space.weight != NULL;
     pass(s, &weighted, sizeof weighted);
