@@ -1,8 +1,8 @@
 /* Ray queries against triangles: a binary tree built by the binned surface area heuristic, collapsed to nodes of eight children.
  *
  * Sources: Wald, On fast construction of SAH-based bounding volume hierarchies (binning); Stich, Friedrich, Dietrich, Spatial splits in
- * bounding volume hierarchies; Wald, Benthin, Boulos, Getting rid of packets (wide nodes for single rays); Woop, Benthin, Wald,
- * Watertight ray/triangle intersection.
+ * bounding volume hierarchies; Wald, Benthin, Boulos, Getting rid of packets (wide nodes for single rays); Ylitie, Karras, Laine, Efficient
+ * incoherent ray traversal on GPUs through compressed wide BVHs (the best collapse); Woop, Benthin, Wald, Watertight ray/triangle intersection.
  *
  * Why no ray slips through: each triangle is projected along the ray to a plane, where a vertex lands on the same point whichever triangle
  * it is reached by, and an edge's side is the sign of fl(fl(ab) - fl(cd)), which two triangles see exactly opposite or both as zero, and
@@ -11,7 +11,7 @@
  *
  * Must not know: materials, paths, meshes beyond vertices and indices. */
 #ifdef __linux__
-#define _DEFAULT_SOURCE
+#define _DEFAULT_SOURCE                /* for madvise: large pages save the traversal many misses of the address cache */
 #include <sys/mman.h>
 #endif
 #include "bvh.h"
@@ -44,7 +44,6 @@ struct Bvh {
 
 /* ---- ray queries ---- */
 
-
 /* What the traversal needs of a ray. Within it, t is measured along the largest component of the direction, called axis z of the shear. */
 typedef struct {
     float inverse[3], near_offset[3], far_offset[3];
@@ -59,6 +58,9 @@ typedef struct {
 } Walk;
 
 typedef struct { float t[GROUP], u[GROUP], v[GROUP]; } Lanes;
+
+static inline float least(float a, float b) { return a < b ? a : b; }
+static inline float greatest(float a, float b) { return a > b ? a : b; }
 
 #ifdef __AVX2__
 /* Which children the ray meets before t_max, and from what t on. */
@@ -105,11 +107,12 @@ static inline unsigned meet_triangles(const Group *group, const Walk *w, float t
 }
 
 static inline unsigned lowest(unsigned mask) { return (unsigned)_tzcnt_u32(mask); }
+static inline unsigned highest(unsigned mask) { return 31 - (unsigned)_lzcnt_u32(mask); }
+static inline unsigned count_bits(unsigned mask) { return (unsigned)_mm_popcnt_u32(mask); }
+/* Keeps gcc from loading several members of a ray at once: right after they were written one by one, that load waits for all of the writes. */
+static inline double scalar(double a) { __asm__("" : "+x"(a)); return a; }
 static inline void prefetch_line(const void *p) { _mm_prefetch((const char *)p, _MM_HINT_T0); }
 #else
-static inline float least(float a, float b) { return a < b ? a : b; }
-static inline float greatest(float a, float b) { return a > b ? a : b; }
-
 static inline unsigned meet_children(const Node *node, const Walk *w, float t_max, float near[WIDTH])
 {
     float far[WIDTH];
@@ -160,10 +163,25 @@ static inline unsigned meet_triangles(const Group *group, const Walk *w, float t
 static inline unsigned lowest(unsigned mask)
 {
     unsigned i = 0;
-    while (!(mask >> i & 1)) i++;
+    while (i < WIDTH && !(mask >> i & 1)) i++;
     return i;
 }
 
+static inline unsigned highest(unsigned mask)
+{
+    unsigned i = WIDTH - 1;
+    while (i > 0 && !(mask >> i & 1)) i--;
+    return i;
+}
+
+static inline unsigned count_bits(unsigned mask)
+{
+    unsigned n = 0;
+    for (; mask; mask &= mask - 1) n++;
+    return n;
+}
+
+static inline double scalar(double a) { return a; }
 static inline void prefetch_line(const void *p) { (void)p; }
 #endif
 
@@ -201,18 +219,25 @@ static bool approach(const Bvh *bvh, double o[3], const double d[3], double *t_s
 /* Prepares a ray; false if it cannot hit anything. */
 static inline bool begin(const Bvh *bvh, const Ray *ray, Walk *w)
 {
-    double o[3] = { ray->origin.x, ray->origin.y, ray->origin.z }, d[3] = { ray->direction.x, ray->direction.y, ray->direction.z };
-    double ax = fabs(d[0]), ay = fabs(d[1]), az = fabs(d[2]);
-    unsigned z = ax > ay ? (ax > az ? 0 : 2) : (ay > az ? 1 : 2), x = z == 2 ? 0 : z + 1, y = x == 2 ? 0 : x + 1;
-    w->t_scale = 1 / larger(ax, larger(ay, az));
+    double o[3] = { scalar(ray->origin.x), scalar(ray->origin.y), scalar(ray->origin.z) };
+    double d[3] = { scalar(ray->direction.x), scalar(ray->direction.y), scalar(ray->direction.z) };
+    /* Selected without branches, which could not be predicted. */
+    static const unsigned char next[3] = { 1, 2, 0 };
+    double ax = fabs(d[0]), ay = fabs(d[1]), az = fabs(d[2]), most = larger(ax, ay);
+    unsigned z = ay > ax;
+    z = az > most ? 2 : z;
+    most = larger(most, az);
+    unsigned x = next[z], y = next[x];
+    w->t_scale = 1 / most;
     for (int a = 0; a < 3; a++) d[a] *= w->t_scale;
+    d[z] = copysign(1, d[z]);
     w->t_shift = 0;
     double far = larger(fabs(o[0]), larger(fabs(o[1]), fabs(o[2])));
     if (far > 4 * bvh->reach) {
         if (!approach(bvh, o, d, &w->t_shift)) return false;
         far = larger(fabs(o[0]), larger(fabs(o[1]), fabs(o[2])));
     }
-    double t_max = ray->t_max * larger(ax, larger(ay, az)) - w->t_shift;
+    double t_max = ray->t_max * most - w->t_shift;
     if (!(t_max > 0)) return false;
     w->t_max = t_max < (double)FLT_MAX ? (float)t_max : FLT_MAX;
 
@@ -228,8 +253,8 @@ static inline bool begin(const Bvh *bvh, const Ray *ray, Walk *w)
         w->near_side[a] = 2 * (unsigned)a + (inverse < 0);
     }
     w->x = x; w->y = y; w->z = z;
-    w->sign = d[z] < 0 ? -1.0f : 1.0f;
-    double shear_x = d[x] / d[z], shear_y = d[y] / d[z];
+    double shear_x = d[x] * d[z], shear_y = d[y] * d[z];
+    w->sign = (float)d[z];
     w->shear_x = (float)shear_x; w->shear_y = (float)shear_y;
     w->origin[0] = (float)o[x]; w->origin[1] = (float)o[y]; w->origin[2] = (float)o[z];
     double rest_z = o[z] - (double)w->origin[2];
@@ -270,33 +295,25 @@ bool bvh_closest(const Bvh *bvh, const Ray *ray, Hit *hit)
             float near[WIDTH];
             unsigned mask = meet_children(node, &w, t_max, near);
             if (mask) {
-                unsigned i = lowest(mask);
-                mask &= mask - 1;
-                if (!mask) { at = node->child[i]; continue; }
-                unsigned i2 = lowest(mask);
-                mask &= mask - 1;
-                if (!mask) {
-                    uint64_t e0 = entry(near[i], node->child[i]), e1 = entry(near[i2], node->child[i2]);
+                /* The nearest child is next, the others go onto the stack, farthest first. One or two are by far the most frequent. */
+                unsigned i = lowest(mask), rest = mask & (mask - 1), j = lowest(rest);
+                if (!rest) { at = node->child[i]; continue; }
+                if (!(rest & (rest - 1))) {
+                    uint64_t e = entry(near[i], node->child[i]), f = entry(near[j], node->child[j]);
                     prefetch(bvh, node->child[i]);
-                    prefetch(bvh, node->child[i2]);
-                    uint64_t hi = e0 < e1 ? e1 : e0, lo = e0 < e1 ? e0 : e1;
-                    stack[n++] = hi;
-                    at = (Child)lo;
+                    prefetch(bvh, node->child[j]);
+                    stack[n++] = e < f ? f : e;
+                    at = (Child)(e < f ? e : f);
                     continue;
                 }
-                mask |= 1u << i2;
-                size_t base = n;
-                stack[n++] = entry(near[i], node->child[i]);
-                prefetch(bvh, node->child[i]);
-                do {
+                for (size_t base = n; mask; mask &= mask - 1) {
                     i = lowest(mask);
-                    mask &= mask - 1;
                     uint64_t e = entry(near[i], node->child[i]);
                     prefetch(bvh, node->child[i]);
                     size_t k = n++;
                     for (; k > base && stack[k - 1] < e; k--) stack[k] = stack[k - 1];
                     stack[k] = e;
-                } while (mask);
+                }
                 at = (Child)stack[--n];
                 continue;
             }
@@ -336,11 +353,22 @@ bool bvh_any(const Bvh *bvh, const Ray *ray)
         } else {
             const Node *node = node_at(bvh, at);
             float near[WIDTH];
-            for (unsigned mask = meet_children(node, &w, w.t_max, near); mask; mask &= mask - 1) {
-                Child c = node->child[lowest(mask)];
+            unsigned mask = meet_children(node, &w, w.t_max, near), met = count_bits(mask);
+            /* Children stand in the order of collapse: the last is the likeliest to block. */
+            if (met <= 2) {
+                /* No branch on how many there are, which could not be predicted: with fewer, a place above the stack is written in vain. */
+                Child c = node->child[lowest(mask) % WIDTH], d = node->child[highest(mask) % WIDTH];
                 prefetch(bvh, c);
-                stack[n++] = c;
-            }
+                prefetch(bvh, d);
+                stack[n] = c;
+                stack[n + (met >> 1)] = d;
+                n += met;
+            } else
+                for (; mask; mask &= mask - 1) {
+                    Child c = node->child[lowest(mask)];
+                    prefetch(bvh, c);
+                    stack[n++] = c;
+                }
         }
     }
     return false;
@@ -393,7 +421,12 @@ static inline Box part_box(const Part *p) { return (Box){ q_load(p->low), q_load
 static inline Quad part_centre(const Part *p) { return q_add(q_mul(q_load(p->low), q_set(0.5f)), q_mul(q_load(p->high), q_set(0.5f))); }
 
 /* A node of the binary tree: children left and left + 1 or, if left is 0, a leaf of the parts first .. first + count - 1. */
-typedef struct { Box box; uint32_t left, first, count; float surface; } Twig;
+typedef struct {
+    Box box;
+    uint32_t left, first, count;
+    float surface;                     /* of the triangles within */
+    float cost[WIDTH];                 /* cost[k]: least cost if the twig becomes at most k + 1 children of a wide node */
+} Twig;
 
 typedef struct {
     const float (*position)[3];
@@ -401,7 +434,8 @@ typedef struct {
     Part *part;
     Twig *twig;
     uint32_t n_twigs;
-    float root_area;
+    float root_area;                   /* half the surface of the mesh's box */
+    bool split_leaves;                 /* divide groups whose triangles lie apart */
     unsigned char *tree;               /* NULL while the space is being counted */
     size_t used;                       /* in units */
 } Builder;
@@ -532,7 +566,14 @@ static float bin_side(const Grid *g, int axis, int bin)
 }
 
 /* The best plane if it may cut through parts [Stich et al.]. */
-static Plane spatial_plane(const Builder *b, const Part *part, uint32_t n, const Grid *g)
+static int widest_axis(Box b)
+{
+    float d[4];
+    q_store(d, q_sub(b.high, b.low));
+    return d[0] > d[1] ? (d[0] > d[2] ? 0 : 2) : (d[1] > d[2] ? 1 : 2);
+}
+
+static Plane spatial_plane(const Builder *b, const Part *part, uint32_t n, const Grid *g, int only)
 {
     Bin bins[3][BINS];
     for (int a = 0; a < 3; a++)
@@ -541,7 +582,7 @@ static Plane spatial_plane(const Builder *b, const Part *part, uint32_t n, const
         int first[4], last[4];
         grid_bins(g, q_load(part[i].low), first);
         grid_bins(g, q_load(part[i].high), last);
-        for (int a = 0; a < 3; a++) {
+        for (int a = only; a <= only; a++) {
             bins[a][first[a]].enter++;
             bins[a][last[a]].leave++;
             for (int k = first[a]; k <= last[a]; k++) {
@@ -627,26 +668,29 @@ static void grow(Builder *b, uint32_t at, uint32_t first, uint32_t n, uint32_t r
             sum += 0.5 * length(cross(sub(from_float(b->position[t[1]]), p), sub(from_float(b->position[t[2]]), p)));
         }
         twig->surface = (float)sum;
-        return;
+        if (n < 2 || !b->split_leaves) return;
+        room = n;                      /* the parts stay together, so that weigh may make it a leaf after all */
     }
     /* Halving is enough once what remains would only fit so; it bounds recursion and the stack of the traversal. */
     int levels = 0;
-    while (n >> levels) levels++;
+    while (levels < 32 && n >> levels) levels++;
     uint32_t left = n / 2, total = n;
     if (depth + levels < MAX_DEPTH) {
         Grid grid = grid_over(centres, n < 64 ? 8 : 16);
         Plane plane = object_plane(part, n, &grid);
-        bool done = false;
+        if (n <= GROUP && !(plane.cost < 0.9f * box_area(box))) return;
+        bool is_cut = false;
+        /* Cutting pays only where the two sides would overlap much [Stich et al.]; along the longest axis is enough, at half the time. */
         if (room > n && (plane.axis < 0 || overlap(plane.left, plane.right) > b->root_area * 1e-3f)) {
             Grid space = grid_over(box, 16);
-            Plane spatial = spatial_plane(b, part, n, &space);
+            Plane spatial = spatial_plane(b, part, n, &space, widest_axis(box));
             if (spatial.cost < 0.9f * plane.cost && spatial.n_left < n && spatial.n_right < n) {
                 left = cut(b, part, &total, room, &space, &spatial);
-                done = left > 0 && left < total;
-                if (!done) left = total / 2;
+                is_cut = true;
             }
         }
-        if (!done && total == n && plane.axis >= 0) left = divide(part, n, &grid, &plane);
+        if (!is_cut && plane.axis >= 0) left = divide(part, n, &grid, &plane);
+        if (!left || left == total) left = total / 2;
     }
     uint32_t right = total - left, spare = (uint32_t)((double)(room - total) * left / total);
     if (spare) memmove(part + left + spare, part + left, right * sizeof *part);
@@ -669,10 +713,12 @@ static void fill_group(const Builder *b, Group *group, const Twig *twig)
     }
 }
 
+/* How likely the twig is to block a ray that meets it, by the time it takes to find out: a ray that crosses a convex box meets surface of
+ * area S in it S / (half the box's area) times on average. */
 static float score(const Twig *t)
 {
     float a = t->surface / box_area(t->box);
-    return a / (1 + a) / (t->left ? 1 + log2f((float)t->count / GROUP) / 2 : 1);
+    return a / (1 + a) / (t->count > GROUP ? 1 + log2f((float)t->count / GROUP) / 2 : 1);
 }
 
 static size_t take(Builder *b, size_t bytes)
@@ -682,23 +728,60 @@ static size_t take(Builder *b, size_t bytes)
     return at;
 }
 
+/* A twig of few triangles is a group if it becomes one child, even if it could be divided among several. */
+static bool is_leaf(const Twig *t) { return t->count <= GROUP; }
+
+/* The cheapest way to give a twig's two children k + 1 slots in all (k > 0): how many, less one, to the first. */
+static int share(const Builder *b, const Twig *t, int k)
+{
+    const float *l = b->twig[t->left].cost, *r = b->twig[t->left + 1].cost;
+    int best = 0;
+    for (int i = 1; i < k; i++)
+        if (l[i] + r[k - 1 - i] < l[best] + r[k - 1 - best]) best = i;
+    return best;
+}
+
+/* Which twigs become the children of which wide nodes, at the least cost [Ylitie, Karras, Laine, Efficient incoherent ray traversal on GPUs
+ * through compressed wide BVHs]. Twigs come after their parents. */
+static void weigh(Builder *b)
+{
+    for (uint32_t i = b->n_twigs; i-- > 0;) {
+        Twig *t = &b->twig[i];
+        float area = t->count ? box_area(t->box) : 0;
+        if (!t->left) {
+            for (int k = 0; k < WIDTH; k++) t->cost[k] = area;
+            continue;
+        }
+        for (int k = WIDTH - 1; k > 0; k--) {
+            int l = share(b, t, k);
+            t->cost[k] = b->twig[t->left].cost[l] + b->twig[t->left + 1].cost[k - 1 - l];
+        }
+        t->cost[0] = is_leaf(t) ? area : area + t->cost[WIDTH - 1];
+        for (int k = 1; k < WIDTH; k++) if (t->cost[k] > t->cost[k - 1]) t->cost[k] = t->cost[k - 1];
+    }
+}
+
+/* The twigs that stand for a twig in k + 1 slots; returns how many they are. */
+static int gather(const Builder *b, uint32_t at, int k, uint32_t *pick)
+{
+    const Twig *t = &b->twig[at];
+    while (k > 0 && t->left && !(t->cost[k] < t->cost[k - 1])) k--;
+    if (!t->left || k == 0) { *pick = at; return 1; }
+    int l = share(b, t, k), n = gather(b, t->left, l, pick);
+    return n + gather(b, t->left + 1, k - 1 - l, pick + n);
+}
+
 /* Writes the wide node over a twig, its groups next to it, then the nodes below; or only counts the space. */
 static Child collapse(Builder *b, uint32_t root)
 {
     uint32_t pick[WIDTH] = { root };
     int n = 1;
-    while (n < WIDTH) {
-        int widest = -1;
-        float area = 0;
-        for (int i = 0; i < n; i++) {
-            const Twig *t = &b->twig[pick[i]];
-            if (t->left && (widest < 0 || box_area(t->box) > area)) { area = box_area(t->box); widest = i; }
-        }
-        if (widest < 0) break;
-        uint32_t left = b->twig[pick[widest]].left;
-        pick[widest] = left;
-        pick[n++] = left + 1;
+    if (b->twig[root].left) {
+        int l = share(b, &b->twig[root], WIDTH - 1);
+        n = gather(b, b->twig[root].left, l, pick);
+        n += gather(b, b->twig[root].left + 1, WIDTH - 2 - l, pick + n);
     }
+    /* worst blocker first: bvh_any takes children from the last slot on */
     for (int i = 1; i < n; i++) {
         uint32_t p = pick[i];
         int k = i;
@@ -716,14 +799,14 @@ static Child collapse(Builder *b, uint32_t root)
         }
     for (int i = 0; i < n; i++) {
         const Twig *t = &b->twig[pick[i]];
-        if (t->left) continue;
+        if (!is_leaf(t)) continue;
         size_t group = take(b, sizeof(Group));
         if (!node) continue;
         node->child[i] = (Child)(group << 1 | 1);
         fill_group(b, (Group *)(void *)(b->tree + group * UNIT), t);
     }
     for (int i = 0; i < n; i++) {
-        if (!b->twig[pick[i]].left) continue;
+        if (is_leaf(&b->twig[pick[i]])) continue;
         Child child = collapse(b, pick[i]);
         if (node) node->child[i] = child;
     }
@@ -745,8 +828,8 @@ Bvh *bvh_new(const float (*position)[3], const uint32_t (*triangle)[3], uint32_t
         Part p;
         for (int a = 0; a < 3; a++) {
             float f[3] = { position[triangle[i][0]][a], position[triangle[i][1]][a], position[triangle[i][2]][a] };
-            p.low[a] = fminf(f[0], fminf(f[1], f[2]));
-            p.high[a] = fmaxf(f[0], fmaxf(f[1], f[2]));
+            p.low[a] = least(f[0], least(f[1], f[2]));
+            p.high[a] = greatest(f[0], greatest(f[1], f[2]));
         }
         memcpy(&p.low[3], &i, sizeof i);
         p.high[3] = 0;
@@ -763,9 +846,11 @@ Bvh *bvh_new(const float (*position)[3], const uint32_t (*triangle)[3], uint32_t
             bvh->reach = fmax(bvh->reach, fmax(fabs(bvh->low[a]), fabs(bvh->high[a])));
         }
     }
+    b.split_leaves = effort == BVH_BEST;
     if (n) b.root_area = box_area(all);
     grow(&b, 0, 0, n, (uint32_t)room, 0);
 
+    weigh(&b);
     collapse(&b, 0);
     bvh->bytes = b.used * UNIT;
     size_t page = bvh->bytes >> 21 ? (size_t)1 << 21 : 64;
