@@ -12,7 +12,7 @@
 
 enum { BIDIR, LENS, CAUSTIC, CHAIN, SUBPATH };                /* rows of mutation_table */
 enum { CHAINS = 400, CHAIN_STEPS = 1000, TEXT = 96 };
-static const uint64_t default_count = 20000;
+static const uint64_t default_count = 20000, audit_count = 50000;
 
 /* ---- names and values ---- */
 
@@ -353,7 +353,8 @@ static void print_perturbation(FILE *out, int row, const Tuning *t, const Named 
     if (row == CAUSTIC)
         fprintf(out, "  the direction from x_%d towards the lens is turned by %.6g radians, of steps from %.6g to %.6g\n", m, angle(a->v[m].to_lens, b->v[m].to_lens),
                 t->theta2 * exp(t->log_theta), t->theta2);
-    else if (row == SUBPATH) fprintf(out, "  a fresh raster position, uniform over the film: from (%.4f, %.4f) to (%.4f, %.4f)\n", a->raster_x, a->raster_y, b->raster_x, b->raster_y);
+    else if (row == SUBPATH) fprintf(out, "  a fresh raster position, uniform over the film%s: from (%.4f, %.4f) to (%.4f, %.4f)\n",
+                                   y->first + y->count > b->k ? ", and a fresh point of the lens" : "", a->raster_x, a->raster_y, b->raster_x, b->raster_y);
     else
         fprintf(out, "  the raster position moves by %.6g pixels, of steps from %.6g to %.6g: from (%.4f, %.4f) to (%.4f, %.4f)\n",
                 hypot(b->raster_x - a->raster_x, b->raster_y - a->raster_y), t->r2 * exp(t->log_r), t->r2, a->raster_x, a->raster_y, b->raster_x, b->raster_y);
@@ -501,7 +502,7 @@ static bool explain_one(Lab *lab, const Space *space, const Sampler *sampler, co
 /* ---- the audit: is R = f/T? ---- */
 
 enum { STATES = 8, AGAIN = 50, U_BINS = 6, PHI_BINS = 6, BINS = U_BINS * PHI_BINS + 1, K_BINS = 6, S_BINS = 16, J_BINS = 8, FAMILY = 2048, FAMILIES = 3,
-       ENOUGH = 200, OCTAVE_BINS = 800, FLOW_STEPS = 16, ALL = 4096 };
+       ENOUGH = 100, OCTAVE_BINS = 800, FLOW_STEPS = 16, KEEP = 30, ALL = 4096 };
 static const double false_alarm = 1e-6, worst_allowed = 1e-6;    /* of the whole audit; relative difference of R */
 typedef long double Real;
 
@@ -836,17 +837,17 @@ static void sample_candidates(Lab *lab, const Space *space, Rng *rng, Candidates
 static double audit_flows(Finding *finding, Lab *lab, const Space *space, const Sampler *sampler, uint64_t n, uint64_t seed, Candidates *all, Flow *flow)
 {
     Rng rng = rng_new(seed, (uint64_t)3 << 40);
-    double total = 0, below = 0, worst = 0;
+    double below = 0, worst = 0;
     all->cap = INFINITY;
     for (uint64_t i = 0; i < n; i++) sample_candidates(lab, space, &rng, all);
-    for (int i = 0; i < OCTAVE_BINS; i++) total += all->octave[i];
-    for (int i = 0; i < OCTAVE_BINS && below <= 0.75 * total; i++) {       /* the cap: most of f* lies below */
+    for (int i = 0; i < OCTAVE_BINS; i++) {    /* the largest cap with which one sample in KEEP still makes a start */
+        double cap = exp2(-100 + 0.25 * (i + 1));
         below += all->octave[i];
-        all->cap = exp2(-100 + 0.25 * (i + 1));
+        if (below * KEEP >= cap * (double)n) all->cap = cap;
     }
     flow->space = space;
     flow->cap = all->cap;
-    for (uint64_t i = 0, starts = 0; i < 20 * n && starts < n; i++) {
+    for (uint64_t i = 0, starts = 0; i < KEEP * n && starts < n; i++) {
         sample_candidates(lab, space, &rng, all);
         if (rng_double(&rng) * all->cap >= all->sum) continue;
         double W = larger(all->sum, all->cap), left = rng_double(&rng) * all->sum;
@@ -929,7 +930,7 @@ static void audit_states(Finding *finding, Lab *lab, const Space *space, const S
 
 static bool audit(Lab *lab, const Space *space, const Sampler *sampler, const ExplainOptions *o, FILE *out, Report *report)
 {
-    uint64_t n = o->proposals ? o->proposals : default_count;
+    uint64_t n = o->proposals ? o->proposals : audit_count;
     int flows = 0, histograms = 0;
     bool ok = true;
     Finding *finding = calloc((size_t)sampler->rows, sizeof *finding);

@@ -13,7 +13,7 @@ typedef struct {
     int length;                /* edges of x; 0 for any */
     int example;               /* 1 or 2: a mutation of exactly that example of the lecture; else 0 */
     bool audit;                /* the audit instead of a mutation */
-    uint64_t proposals;        /* audit: proposals of each strategy; 0 = 20000 */
+    uint64_t proposals;        /* audit: proposals of each strategy; 0 = 50000 */
     uint64_t bootstrap;        /* bidirectional samples for the chains' seeds; 0 = 20000 */
     uint64_t seed;
 } ExplainOptions;
