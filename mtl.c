@@ -120,14 +120,6 @@ static char *skip_options(Mtl *m, char *p)
     return p;
 }
 
-/* The rest of the line as a name: up to the line end, without blanks around it. */
-static size_t name_length(char *p)
-{
-    char *end = find_line_end(p);
-    while (end > p && is_blank(end[-1])) end--;
-    return (size_t)(end - p);
-}
-
 static char *base_name(char *p, size_t *n)
 {
     for (size_t i = *n; i > 0; i--)
@@ -143,7 +135,7 @@ static bool read_map(Mtl *m, char *p)
 {
     const char *from = m->text.path;
     p = skip_options(m, p);
-    size_t n = name_length(p);
+    size_t n = rest_of_line(p);
     if (n == 0) {
         warn(m, "map_Kd without a file");
         return true;
@@ -183,7 +175,7 @@ static bool read_map(Mtl *m, char *p)
 static bool new_material(Mtl *m, char *p)
 {
     MtlLibrary *library = m->library;
-    size_t n = name_length(p);
+    size_t n = rest_of_line(p);
     m->entry = NULL;
     m->skip = true;
     if (n == 0) {

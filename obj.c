@@ -2,19 +2,17 @@
  *
  * Source: Wavefront's OBJ as its specification and the common exporters have it. One pass over the text appends what it finds to arrays, faces
  * already as fans of triangles; the rest waits for the end of the file, because faces may come before their vertices and materials after
- * their use: ranges of indices, materials, the scene's unit, better triangles, the sides that vertex normals ask for, and what nothing uses.
+ * their use: ranges of indices and materials here, all that needs positions in mesh.c.
  * What makes the mesh wrong is an error with its line; what only spoils an attribute is a warning, and the attribute is dropped.
- * Must not know what an MTL statement means (mtl.c), how numbers are read (text.c) or polygons cut (polygon.c). */
+ * Must not know what an MTL statement means (mtl.c) or how numbers are read (text.c). */
 #include "obj.h"
+#include "mesh.h"
 #include "mtl.h"
-#include "polygon.h"
 #include "text.h"
 #include <stdlib.h>
 #include <string.h>
 
 typedef struct { uint32_t position, uv, normal; } Corner;          /* BVH_NONE = absent */
-
-typedef struct { uint32_t first, corners; } Polygon;               /* its corners - 2 triangles are a fan, from 'first' on */
 
 /* The largest index that pointed beyond what had been read. */
 typedef struct {
@@ -29,7 +27,7 @@ typedef struct {
     Mesh mesh;                                 /* its arrays grow; position stays empty until the end */
     double (*position)[3];                     /* [mesh.n_positions], user unit */
     Corner *corner;                            /* of the current face */
-    Polygon *polygon;                          /* all faces of more than three corners */
+    MeshPolygon *polygon;                      /* all faces of more than three corners */
     uint32_t n_polygons;
     uint32_t positions_capacity, normals_capacity, uvs_capacity, triangles_capacity, corners_capacity, polygons_capacity, lines_capacity;
     Forward forward_position, forward_uv, forward_normal;
@@ -85,11 +83,10 @@ static char *read_position(Reader *r, char *p)
     char *end;
     if (read_numbers(p, v, 3, &end) < 3) return *end == '\\' || number_error(r, end) ? end : NULL;
     if (*end != '\n') {
+        int n = read_numbers(end, extra, 5, &end);
         end = skip_blanks(end);
-        if (!is_stop(*end) && *end != '\\') {
-            int n = read_numbers(end, extra, 5, &end);
-            end = skip_blanks(end);
-            if (*end == '\\') return end;
+        if (*end == '\\') return end;
+        if (n > 0 || !is_stop(*end)) {
             if (!is_stop(*end)) warn(r, n < 5 ? "extra values of a vertex that are no numbers" : "more values than a vertex can have");
             else if (n == 1 && extra[0] != 1) warn(r, "the weight w of vertices is ignored");
             else if (n > 1) warn(r, n == 2 ? "extra values of a vertex are ignored" : "vertex colours are ignored");
@@ -148,37 +145,31 @@ static char *read_normal(Reader *r, char *p)
 }
 
 /* An index as written, from 1 or, negative, from the end of the 'count' elements so far. Returns where it ends, NULL if there is no integer
- * at p. *out is BVH_NONE if it cannot be in range; one that points beyond 'count' is kept and judged at the end of the file. */
-static char *read_any_index(Reader *r, char *p, uint32_t count, Forward *forward, uint32_t *out)
+ * at p. *out is BVH_NONE if it cannot be in range; one that points beyond 'count' is kept and judged at the end of the file.
+ * The index of an attribute may be absent, and if it is out of range that is only worth a warning. */
+static char *read_any_index(Reader *r, char *p, uint32_t count, bool attribute, Forward *forward, uint32_t *out)
 {
     int64_t index;
-    char *end = integer_scan(p, &index);
     *out = BVH_NONE;
+    if (attribute && (*p == '/' || is_token_end(*p))) return p;
+    char *end = integer_scan(p, &index);
     if (!end) return NULL;
     if (index < 0) index += (int64_t)count + 1;
-    if (index <= 0 || index > UINT32_MAX - 1) return end;
-    if (index > count && index > forward->index) *forward = (Forward){ index, r->text.line };
-    *out = (uint32_t)(index - 1);
+    if (index > 0 && index <= UINT32_MAX - 1) {
+        *out = (uint32_t)(index - 1);
+        if (index > count && index > forward->index) *forward = (Forward){ index, r->text.line };
+    } else if (attribute) warn(r, "indices of normals or texture coordinates out of range");
     return end;
 }
 
 /* The same, quick for what most files have. */
-static inline char *read_index(Reader *r, char *p, uint32_t count, Forward *forward, uint32_t *out)
+static inline char *read_index(Reader *r, char *p, uint32_t count, bool attribute, Forward *forward, uint32_t *out)
 {
     uint64_t index;
     unsigned n = scan_digits(p, &index);
-    if (n == 8 || index - 1 >= count) return read_any_index(r, p, count, forward, out);
+    if (n == 8 || index - 1 >= count) return read_any_index(r, p, count, attribute, forward, out);
     *out = (uint32_t)(index - 1);
     return p + n;
-}
-
-/* The index after a slash, if there is one. */
-static inline char *read_attribute(Reader *r, char *p, uint32_t count, Forward *forward, uint32_t *attribute)
-{
-    if (*p == '/' || is_token_end(*p)) return p;
-    p = read_index(r, p, count, forward, attribute);
-    if (*attribute == BVH_NONE && p) warn(r, "indices of normals or texture coordinates out of range");
-    return p;
 }
 
 static bool index_error(Reader *r, char *p)
@@ -190,20 +181,22 @@ static char *read_corners(Reader *r, char *p, uint32_t *n)
 {
     const Mesh *m = &r->mesh;
     for (*n = 0;; ++*n) {
-        p = skip_blanks(p);
-        if (is_stop(*p) || *p == '\\') return p;
+        if (!(*p >= '0' && *p <= '9')) {
+            p = skip_blanks(p);
+            if (is_stop(*p) || *p == '\\') return p;
+        }
         if (*n == r->corners_capacity && !array_grow(&r->corner, *n, &r->corners_capacity, sizeof *r->corner)) return out_of_memory(r), NULL;
-        Corner c = { BVH_NONE, BVH_NONE, BVH_NONE };
-        char *q = read_index(r, p, m->n_positions, &r->forward_position, &c.position);
+        Corner *c = &r->corner[*n];
+        char *q = read_index(r, p, m->n_positions, false, &r->forward_position, &c->position);
         if (!q) return index_error(r, p), NULL;
-        if (c.position == BVH_NONE)
+        if (c->position == BVH_NONE)
             return report_error(r->report, r->text.path, r->text.line, "vertex index %s is out of range: %u vertices so far",
                                 quote_token(p).text, (unsigned)m->n_positions), NULL;
-        if (*q == '/') q = read_attribute(r, q + 1, m->n_uvs, &r->forward_uv, &c.uv);
-        if (q && *q == '/') q = read_attribute(r, q + 1, m->n_normals, &r->forward_normal, &c.normal);
+        c->uv = c->normal = BVH_NONE;
+        if (*q == '/') q = read_index(r, q + 1, m->n_uvs, true, &r->forward_uv, &c->uv);
+        if (q && *q == '/') q = read_index(r, q + 1, m->n_normals, true, &r->forward_normal, &c->normal);
         if (!q || !is_token_end(*q)) return index_error(r, p), NULL;
-        r->corner[*n] = c;
-        p = q;
+        p = q + (*q == ' ');
     }
 }
 
@@ -225,15 +218,8 @@ static bool begin_attribute(Reader *r, uint32_t (**attribute)[3])
 {
     *attribute = malloc(r->triangles_capacity * sizeof **attribute);
     if (!*attribute) return out_of_memory(r);
-    for (uint32_t i = 0; i < r->mesh.n_triangles; i++) (*attribute)[i][0] = BVH_NONE;
+    for (uint32_t i = 0; i < r->mesh.n_triangles; i++) mesh_set3((*attribute)[i], BVH_NONE, BVH_NONE, BVH_NONE);
     return true;
-}
-
-static inline void set3(uint32_t target[3], uint32_t a, uint32_t b, uint32_t c)
-{
-    target[0] = a;
-    target[1] = b;
-    target[2] = c;
 }
 
 static bool add_face(Reader *r, uint32_t n)
@@ -245,7 +231,7 @@ static bool add_face(Reader *r, uint32_t n)
     }
     if (n > 3) {
         if (!array_grow(&r->polygon, r->n_polygons, &r->polygons_capacity, sizeof *r->polygon)) return out_of_memory(r);
-        r->polygon[r->n_polygons++] = (Polygon){ m->n_triangles, n };
+        r->polygon[r->n_polygons++] = (MeshPolygon){ m->n_triangles, n };
     }
     const Corner *a = r->corner;
     for (uint32_t i = 1; i + 1 < n; i++) {
@@ -254,40 +240,26 @@ static bool add_face(Reader *r, uint32_t n)
         uint32_t k = m->n_triangles;
         if (!m->triangle_uv && r->wants_uv && (a->uv & b->uv & c->uv) != BVH_NONE && !begin_attribute(r, &m->triangle_uv)) return false;
         if (!m->triangle_normal && (a->normal & b->normal & c->normal) != BVH_NONE && !begin_attribute(r, &m->triangle_normal)) return false;
-        set3(m->triangle[k], a->position, b->position, c->position);
-        if (m->triangle_uv) set3(m->triangle_uv[k], a->uv, b->uv, c->uv);
-        if (m->triangle_normal) set3(m->triangle_normal[k], a->normal, b->normal, c->normal);
+        mesh_set3(m->triangle[k], a->position, b->position, c->position);
+        if (m->triangle_uv) mesh_set3(m->triangle_uv[k], a->uv, b->uv, c->uv);
+        if (m->triangle_normal) mesh_set3(m->triangle_normal[k], a->normal, b->normal, c->normal);
         m->triangle_material[k] = r->material;
         m->n_triangles++;
     }
     return true;
 }
 
-/* The rest of the line as a name, blanks inside and # included; its length. */
-static size_t name_length(char *p)
-{
-    char *end = find_line_end(p);
-    while (end > p && is_blank(end[-1])) end--;
-    return (size_t)(end - p);
-}
-
 /* The number in the library of the name that usemtl has used, as it stands or without ' # comment'; BVH_NONE if there is none. */
 static uint32_t find_material(const Reader *r, const char *name)
 {
-    size_t n = strlen(name);
+    size_t n = strlen(name), k = before_comment(name, n);
     uint32_t number = names_find(&r->library.names, name, n);
-    for (const char *mark = strchr(name, '#'); number == BVH_NONE && mark; mark = strchr(mark + 1, '#')) {
-        size_t k = (size_t)(mark - name);
-        if (k == 0 || !is_blank(name[k - 1])) continue;
-        while (k > 0 && is_blank(name[k - 1])) k--;
-        number = names_find(&r->library.names, name, k);
-    }
-    return number;
+    return number == BVH_NONE && k < n ? names_find(&r->library.names, name, k) : number;
 }
 
 static bool use_material(Reader *r, char *p)
 {
-    size_t n = name_length(p);
+    size_t n = rest_of_line(p);
     uint32_t before = r->used.n, number;
     r->material = BVH_NONE;
     r->wants_uv = false;
@@ -316,7 +288,7 @@ static bool read_library(Reader *r, const char *name, size_t n, bool *found)
 /* The argument of mtllib is the name of one file or, if there is none such, of several. */
 static bool read_libraries(Reader *r, char *p)
 {
-    size_t n = name_length(p);
+    size_t n = rest_of_line(p);
     bool found = false;
     if (n == 0) warn(r, "mtllib without a file");
     else if (!read_library(r, p, n, &found)) return false;
@@ -414,160 +386,6 @@ static bool read_lines(Reader *r)
 
 /* The end of the file. */
 
-static bool is_none(const uint32_t triangle[3]) { return triangle[0] == BVH_NONE; }
-
-/* Drops the items that no triangle uses, and renumbers. */
-static bool drop_unused(Reader *r, void *item, size_t size, uint32_t *n, uint32_t (*triangle)[3])
-{
-    uint32_t kept = 0, n_triangles = r->mesh.n_triangles;
-    unsigned char *used = calloc((size_t)*n + 1, 1);
-    if (!used) return out_of_memory(r);
-    for (uint32_t i = 0; i < n_triangles; i++)
-        if (!is_none(triangle[i])) used[triangle[i][0]] = used[triangle[i][1]] = used[triangle[i][2]] = 1;
-    for (uint32_t i = 0; i < *n; i++) kept += used[i];
-    uint32_t *number = NULL;
-    if (kept < *n) {
-        number = malloc(*n * sizeof *number);
-        if (!number) return free(used), out_of_memory(r);
-        kept = 0;
-        for (uint32_t i = 0; i < *n; i++) {
-            if (!used[i]) continue;
-            memmove((char *)item + kept * size, (char *)item + i * size, size);
-            number[i] = kept++;
-        }
-        for (uint32_t i = 0; i < n_triangles; i++)
-            if (!is_none(triangle[i])) set3(triangle[i], number[triangle[i][0]], number[triangle[i][1]], number[triangle[i][2]]);
-        *n = kept;
-    }
-    free(number);
-    free(used);
-    return true;
-}
-
-/* Finds centre and unit (scene.h) and turns the positions into floats, in their place. */
-static bool scale_positions(Reader *r)
-{
-    Mesh *m = &r->mesh;
-    double low[3], high[3], centre[3], half = 0;
-    memcpy(low, r->position[0], sizeof low);
-    memcpy(high, low, sizeof high);
-    for (uint32_t i = 1; i < m->n_positions; i++)
-        for (int k = 0; k < 3; k++) {
-            double x = r->position[i][k];
-            low[k] = x < low[k] ? x : low[k];
-            high[k] = x > high[k] ? x : high[k];
-        }
-    for (int k = 0; k < 3; k++) {
-        centre[k] = low[k] / 2 + high[k] / 2;
-        half = fmax(half, fmax(high[k] - centre[k], centre[k] - low[k]));      /* of the rounded centre: no position gets beyond 1 */
-    }
-    int exponent = 0;
-    if (half > 0 && frexp(half, &exponent) == 0.5) exponent--;
-    if (exponent < -1000 || exponent > 1000) return report_error(r->report, r->text.path, 0, "the scene is too %s", half < 1 ? "small" : "large");
-    m->centre = vec3(centre[0], centre[1], centre[2]);
-    m->unit = ldexp(1, exponent);
-    double per_unit = ldexp(1, -exponent);
-    char *bytes = (char *)r->position;
-    for (uint32_t i = 0; i < m->n_positions; i++) {
-        double x[3];
-        float f[3];
-        memcpy(x, bytes + i * sizeof x, sizeof x);
-        for (int k = 0; k < 3; k++) f[k] = (float)((x[k] - centre[k]) * per_unit);
-        memcpy(bytes + i * sizeof f, f, sizeof f);
-    }
-    m->position = (float (*)[3])(void *)bytes;
-    r->position = NULL;
-    return true;
-}
-
-static void read_fan(uint32_t (*triangle)[3], const Polygon *polygon, uint32_t *corner)
-{
-    corner[0] = triangle[polygon->first][0];
-    corner[1] = triangle[polygon->first][1];
-    for (uint32_t i = 2; i < polygon->corners; i++) corner[i] = triangle[polygon->first + i - 2][2];
-}
-
-static void write_cut(uint32_t (*triangle)[3], const Polygon *polygon, const uint32_t *corner, uint32_t (*cut)[3])
-{
-    for (uint32_t i = 0; i + 2 < polygon->corners; i++)
-        set3(triangle[polygon->first + i], corner[cut[i][0]], corner[cut[i][1]], corner[cut[i][2]]);
-}
-
-/* Better triangles than fans for the polygons. */
-static bool cut_polygons(Reader *r)
-{
-    Mesh *m = &r->mesh;
-    uint32_t *corner = malloc(r->corners_capacity * sizeof *corner), (*cut)[3] = malloc(r->corners_capacity * sizeof *cut);
-    bool ok = corner && cut;
-    for (uint32_t i = 0; ok && i < r->n_polygons; i++) {
-        const Polygon *polygon = &r->polygon[i];
-        read_fan(m->triangle, polygon, corner);
-        ok = polygon_triangulate((const float (*)[3])m->position, corner, polygon->corners, cut);
-        if (!ok) break;
-        write_cut(m->triangle, polygon, corner, cut);
-        uint32_t (*attribute[2])[3] = { m->triangle_normal, m->triangle_uv };
-        for (int k = 0; k < 2; k++)
-            if (attribute[k]) {
-                read_fan(attribute[k], polygon, corner);
-                write_cut(attribute[k], polygon, corner, cut);
-            }
-    }
-    free(corner);
-    free(cut);
-    return ok || out_of_memory(r);
-}
-
-static void swap_last(uint32_t triangle[3]) { set3(triangle, triangle[0], triangle[2], triangle[1]); }
-
-/* Drops triangles without area, normals that not all three corners have, and turns the triangles that their normals see from behind. */
-static bool settle_triangles(Reader *r)
-{
-    Mesh *m = &r->mesh;
-    uint32_t kept = 0;
-    bool any_normal = false;
-    for (uint32_t i = 0; i < m->n_triangles; i++) {
-        uint32_t *t = m->triangle[i], *n = m->triangle_normal ? m->triangle_normal[i] : NULL;
-        Vec3 a = from_float(m->position[t[0]]), e1 = sub(from_float(m->position[t[1]]), a), e2 = sub(from_float(m->position[t[2]]), a);
-        Vec3 ng = cross(e1, e2);
-        /* What the rounding of the cross product alone can leave is no area. */
-        if (dot(ng, ng) <= 1e-30 * dot(e1, e1) * dot(e2, e2)) continue;
-        bool turned = false;
-        if (n) {
-            Vec3 sum = vec3(0, 0, 0);
-            for (int k = 0; k < 3; k++)
-                sum = n[k] < m->n_normals ? add(sum, from_float(m->normal[n[k]])) : vec3(NAN, NAN, NAN);
-            double side = dot(sum, ng);
-            turned = side < 0;
-            if (isnan(side)) n[0] = BVH_NONE;
-            else any_normal = true;
-        }
-        m->triangle_material[kept] = m->triangle_material[i];
-        set3(m->triangle[kept], t[0], t[1], t[2]);
-        if (turned) swap_last(m->triangle[kept]);
-        if (n) {
-            set3(m->triangle_normal[kept], n[0], n[1], n[2]);
-            if (turned) swap_last(m->triangle_normal[kept]);
-        }
-        if (m->triangle_uv) {
-            const uint32_t *uv = m->triangle_uv[i];
-            set3(m->triangle_uv[kept], uv[0], uv[1], uv[2]);
-            if (turned) swap_last(m->triangle_uv[kept]);
-        }
-        kept++;
-    }
-    if (kept < m->n_triangles) report_warning(r->report, r->text.path, 0, "%u triangles without area are dropped", (unsigned)(m->n_triangles - kept));
-    m->n_triangles = kept;
-    if (!any_normal) {
-        free(m->triangle_normal);
-        free(m->normal);
-        m->triangle_normal = NULL;
-        m->normal = NULL;
-        m->n_normals = 0;
-        return true;
-    }
-    return drop_unused(r, m->normal, sizeof *m->normal, &m->n_normals, m->triangle_normal);
-}
-
 /* Makes the materials that the triangles use, in the order of their first use, and numbers the triangles with them. */
 static bool bind_materials(Reader *r)
 {
@@ -601,46 +419,6 @@ static bool bind_materials(Reader *r)
     return ok || out_of_memory(r);
 }
 
-/* Keeps texture coordinates only where there is a texture and all three corners have them. */
-static bool settle_uvs(Reader *r)
-{
-    Mesh *m = &r->mesh;
-    bool any = false;
-    for (uint32_t i = 0; m->triangle_uv && i < m->n_triangles; i++) {
-        uint32_t *t = m->triangle_uv[i];
-        bool has = m->material[m->triangle_material[i]].map_kd != NULL;
-        for (int k = 0; has && k < 3; k++) has = t[k] < m->n_uvs && !isnan(m->uv[t[k]][0]);
-        if (has) any = true;
-        else t[0] = BVH_NONE;
-    }
-    if (any) return drop_unused(r, m->uv, sizeof *m->uv, &m->n_uvs, m->triangle_uv);
-    free(m->triangle_uv);
-    free(m->uv);
-    m->triangle_uv = NULL;
-    m->uv = NULL;
-    m->n_uvs = 0;
-    return true;
-}
-
-/* Gives back what the growth of an array has reserved; keeps the array if that fails. */
-static void *trim(void *array, size_t bytes)
-{
-    void *moved = array && bytes ? realloc(array, bytes) : NULL;
-    return moved ? moved : array;
-}
-
-static void trim_mesh(Mesh *m)
-{
-    m->position = trim(m->position, m->n_positions * sizeof *m->position);
-    m->normal = trim(m->normal, m->n_normals * sizeof *m->normal);
-    m->uv = trim(m->uv, m->n_uvs * sizeof *m->uv);
-    m->triangle = trim(m->triangle, m->n_triangles * sizeof *m->triangle);
-    m->triangle_normal = trim(m->triangle_normal, m->n_triangles * sizeof *m->triangle_normal);
-    m->triangle_uv = trim(m->triangle_uv, m->n_triangles * sizeof *m->triangle_uv);
-    m->triangle_material = trim(m->triangle_material, m->n_triangles * sizeof *m->triangle_material);
-    m->material = trim(m->material, m->n_materials * sizeof *m->material);
-}
-
 static void warn_forward(Reader *r, const Forward *forward, uint32_t n, const char *kind)
 {
     if (forward->index > n) note(&r->notes, r->text.path, forward->line, kind);
@@ -657,11 +435,16 @@ static bool finish(Reader *r)
     if (m->n_triangles == 0) return report_error(r->report, path, 0, foreign ? "not an OBJ file" : "no geometry: the file has no face");
     warn_forward(r, &r->forward_normal, m->n_normals, "indices of normals or texture coordinates out of range");
     warn_forward(r, &r->forward_uv, m->n_uvs, "indices of normals or texture coordinates out of range");
-    if (!drop_unused(r, r->position, sizeof *r->position, &m->n_positions, m->triangle) || !scale_positions(r) || !cut_polygons(r)) return false;
-    if (!settle_triangles(r)) return false;
+    uint32_t before = m->n_triangles;
+    double (*position)[3] = r->position;
+    r->position = NULL;
+    const char *wrong = mesh_finish(m, position, r->polygon, r->n_polygons);
+    if (wrong) return report_error(r->report, path, 0, "%s", wrong);
+    if (m->n_triangles < before) report_warning(r->report, path, 0, "%u triangles without area are dropped", (unsigned)(before - m->n_triangles));
     if (m->n_triangles == 0) return report_error(r->report, path, 0, "no geometry: no face has an area");
-    if (!bind_materials(r) || !settle_uvs(r)) return false;
-    trim_mesh(m);
+    if (!bind_materials(r)) return false;
+    if (!mesh_finish_uvs(m)) return out_of_memory(r);
+    mesh_trim(m);
     return true;
 }
 
@@ -689,20 +472,4 @@ bool obj_read(Mesh *mesh, const char *path, Report *report)
     mtl_free(&r->library);
     free(r);
     return ok;
-}
-
-void mesh_free(Mesh *mesh)
-{
-    for (uint32_t i = 0; i < mesh->n_materials; i++) free(mesh->material[i].name);
-    for (uint32_t i = 0; i < mesh->n_textures; i++) image_free(mesh->texture[i]);
-    free(mesh->texture);
-    free(mesh->material);
-    free(mesh->position);
-    free(mesh->normal);
-    free(mesh->uv);
-    free(mesh->triangle);
-    free(mesh->triangle_normal);
-    free(mesh->triangle_uv);
-    free(mesh->triangle_material);
-    *mesh = (Mesh){ 0 };
 }

@@ -142,10 +142,10 @@ static bool blocked(Ring *r, uint32_t ia, uint32_t ib, uint32_t ic)
 
 static void build_grid(Ring *r, uint32_t n)
 {
-    Point2 low = r->point[0], high = low;
-    for (uint32_t i = 1; i < n; i++) {
-        low = (Point2){ fmin(low.x, r->point[i].x), fmin(low.y, r->point[i].y) };
-        high = (Point2){ fmax(high.x, r->point[i].x), fmax(high.y, r->point[i].y) };
+    Point2 low = { INFINITY, INFINITY }, high = { -INFINITY, -INFINITY };
+    for (uint32_t i = 0; i < n; i++) {
+        low = (Point2){ lesser(low.x, r->point[i].x), lesser(low.y, r->point[i].y) };
+        high = (Point2){ greater(high.x, r->point[i].x), greater(high.y, r->point[i].y) };
     }
     r->low = low;
     r->per_cell = (Point2){ high.x > low.x ? r->columns / (high.x - low.x) : 0, high.y > low.y ? r->columns / (high.y - low.y) : 0 };

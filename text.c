@@ -447,6 +447,7 @@ bool array_grow(void *array, uint32_t n, uint32_t *capacity, size_t item_size)
     if (n < *capacity) return true;
     if (n >= UINT32_MAX - 1) return false;
     uint32_t more = n < 256 ? 256 : n > UINT32_MAX / 2 ? UINT32_MAX - 1 : n + n / 2;
+    if (more > SIZE_MAX / item_size) return false;
     void *old, *moved;
     memcpy(&old, array, sizeof old);   /* array is a T **; memcpy, as void * and T * may not alias */
     moved = realloc(old, more * item_size);
@@ -482,10 +483,8 @@ char *text_find_file(const char *from, const char *s, size_t n)
         char *path = find_beside(from, s, n);
         const char *quoted_end = n > 1 && s[0] == '"' ? memchr(s + 1, '"', n - 1) : NULL;
         if (!path && quoted_end) path = find_beside(from, s + 1, (size_t)(quoted_end - s) - 1);
-        if (path) return path;
-        size_t cut = n;
-        while (cut > 0 && !(s[cut - 1] == '#' && cut > 1 && is_blank(s[cut - 2]))) cut--;
-        if (cut == 0) return NULL;
-        for (n = cut - 1; n > 0 && is_blank(s[n - 1]);) n--;
+        size_t k = before_comment(s, n);
+        if (path || k == n) return path;
+        n = k;
     }
 }

@@ -54,6 +54,25 @@ static inline char *find_line_end(char *p)
     return p;
 }
 
+/* The rest of the line as a name, blanks inside and # included: its length. */
+static inline size_t rest_of_line(char *p)
+{
+    char *end = find_line_end(p);
+    while (end > p && is_blank(end[-1])) end--;
+    return (size_t)(end - p);
+}
+
+/* The length of a name without ' # comment', if there is one. */
+static inline size_t before_comment(const char *name, size_t n)
+{
+    for (size_t i = 1; i < n; i++)
+        if (name[i] == '#' && is_blank(name[i - 1])) {
+            while (i > 0 && is_blank(name[i - 1])) i--;
+            return i;
+        }
+    return n;
+}
+
 /* Counts the line that ends at p and returns where the next one begins. */
 static inline char *text_next_line(Text *t, char *p)
 {
@@ -117,11 +136,11 @@ static inline char *number_scan(char *p, double *value)
 {
     char *start = p;
     bool negative = *p == '-';
-    p += negative | (*p == '+');
+    if (*p < '.') p += negative | (*p == '+');
     uint64_t digits = (uint64_t)(*p - '0'), more;
     unsigned n = 1, decimals = 0;
-    if (p[1] != '.' || digits > 9) n = scan_digits(p, &digits);                /* most numbers in mesh files have one digit before the point */
-    p += n;
+    if (p[1] == '.' && digits <= 9) p++;       /* most numbers in mesh files; what is predicted need not be waited for */
+    else p += n = scan_digits(p, &digits);
     if (*p == '.') {
         decimals = scan_digits(++p, &more);
         digits = digits * POWER_OF_TEN_32[decimals] + more;

@@ -24,9 +24,13 @@ enum {
     FAMILY_COSINE = FAMILY_MODE + 256,             /* length x specular vertices x cosines where directions are turned: 8 * 4 * 4 */
     FAMILY_NEAR = FAMILY_COSINE + 128,             /* specular vertices x length of the edge at the lens: 4 * 64 */
     FAMILY_FAR = FAMILY_NEAR + 256,                /* specular vertices x length of the edge at the light: 4 * 64 */
-    BALANCE_CLASSES = FAMILY_FAR + 256,
-    BALANCE_FAMILIES = 6,
-    BALANCE_ENOUGH = 50                            /* starts that a class must be worth: sum of squares over the largest square */
+    FAMILY_FLOW = FAMILY_FAR + 256,                /* from signature to signature (which vertices are specular), less what flows back: 64 * 64 */
+    FAMILY_PATTERN = FAMILY_FLOW + 4096,           /* from pattern to pattern, less what flows back: 64 * 64 */
+    BALANCE_CLASSES = FAMILY_PATTERN + 4096,
+    BALANCE_FAMILIES = 6,                          /* of indicators */
+    BALANCE_STARTS = 64,                           /* from one sample, at most */
+    BALANCE_TOUCHED = 32768,
+    BALANCE_ENOUGH = 30                            /* events that a flow must be worth to be tested */
 };
 
 /* Where starts come from. */
@@ -44,9 +48,8 @@ typedef struct {
     unsigned worst_class;
     double difference;         /* of that class, relative to b */
     int classes;               /* that were tested */
-    uint64_t starts;           /* that left their state */
     ChainCount count;
-    double sum[BALANCE_CLASSES], square[BALANCE_CLASSES], largest[BALANCE_CLASSES];
+    double in[BALANCE_CLASSES], out[BALANCE_CLASSES], in_square[BALANCE_CLASSES], out_square[BALANCE_CLASSES];   /* sums over samples */
 } Subject;
 
 typedef struct {
@@ -58,7 +61,7 @@ typedef struct {
 
 typedef struct {
     StartKind kind;
-    double threshold, cap;     /* a start of weight W is taken with probability min(1, W/threshold), and weighs max(W, threshold) then */
+    double unit, cap;          /* a sample of weight W gives W/unit starts on average, each of weight 'unit'; paths above the cap are not tested */
     double cone;               /* START_AIMED: largest angle off the light's apparent direction */
     Vec3 aim;                  /* START_AIMED: middle of the lights */
 } Starts;
@@ -69,11 +72,18 @@ static inline unsigned balance_bin(double value, double scale, int bins)
     return i > 0 ? i < bins - 1 ? (unsigned)i : (unsigned)(bins - 1) : 0;
 }
 
+/* How light passes the three vertices next to the lens: 0 diffuse, 1 reflected, 2 refracted, 3 no vertex; 64 patterns. */
+static inline unsigned balance_pattern(const Path *x)
+{
+    unsigned pattern = 0;
+    for (int i = 1; i <= 3; i++) pattern = 4 * pattern + (x->k - i > 0 ? (unsigned)x->v[x->k - i].mode : 3);
+    return pattern;
+}
+
 /* The classes of a path, one of each family. */
 static inline void balance_classes(const Space *space, const Path *x, unsigned class[BALANCE_FAMILIES])
 {
-    unsigned length8 = (unsigned)(x->k < 7 ? x->k : 7), length16 = (unsigned)(x->k < 15 ? x->k : 15), pattern = 0, specular = 0;
-    for (int i = 1; i <= 3; i++) pattern = 4 * pattern + (x->k - i > 0 ? (unsigned)x->v[x->k - i].mode : 3);
+    unsigned length8 = (unsigned)(x->k < 7 ? x->k : 7), length16 = (unsigned)(x->k < 15 ? x->k : 15), pattern = balance_pattern(x), specular = 0;
     const Camera *camera = &space->scene->camera;
     unsigned quarter = (x->raster_x * 2 > camera->width) + 2u * (x->raster_y * 2 > camera->height);
     double q = 1, cosine = 1;
@@ -181,18 +191,30 @@ typedef struct {
     const Space *space;
     const Starts *starts;
     double now[BALANCE_CLASSES], total;
-    unsigned touched[1024];
+    unsigned touched[BALANCE_TOUCHED];
+    unsigned signature, pattern;                   /* of the start */
     int n;
 } BalanceRecord;
 
-static inline void balance_add(BalanceRecord *r, const Path *x, double weight)
+static inline void balance_add(BalanceRecord *r, unsigned class, double weight)
 {
-    unsigned class[BALANCE_FAMILIES];
-    balance_classes(r->space, x, class);
-    for (int i = 0; i < BALANCE_FAMILIES; i++) {
-        r->now[class[i]] += weight;
-        if (r->n < 1024) r->touched[r->n++] = class[i];
-    }
+    r->now[class] += weight;
+    if (r->n < BALANCE_TOUCHED) r->touched[r->n++] = class;
+}
+
+/* A bit for each inner vertex, set where it is specular, and a leading 1; 0 for paths longer than 6 edges. */
+static inline unsigned balance_signature(const Path *x)
+{
+    unsigned bits = 1;
+    if (x->k > 6) return 0;
+    for (int i = 1; i < x->k; i++) bits = 2 * bits + (x->v[i].mode != MODE_NONE);
+    return bits;
+}
+
+static inline void balance_flow(BalanceRecord *r, unsigned family, unsigned from, unsigned to, double weight)
+{
+    if (from < to) balance_add(r, family + from * 64 + to, weight);
+    if (from > to) balance_add(r, family + to * 64 + from, -weight);
 }
 
 static inline void balance_record(void *context, const Path *x, double weight)
@@ -200,8 +222,23 @@ static inline void balance_record(void *context, const Path *x, double weight)
     BalanceRecord *r = context;
     double W = balance_weight(r->space, r->starts, x);
     if (!(W > 0) || W > r->starts->cap) return;
-    balance_add(r, x, weight);
+    unsigned class[BALANCE_FAMILIES];
+    balance_classes(r->space, x, class);
+    for (int i = 0; i < BALANCE_FAMILIES; i++) balance_add(r, class[i], weight);
+    balance_flow(r, FAMILY_FLOW, r->signature, balance_signature(x), weight);
+    balance_flow(r, FAMILY_PATTERN, r->pattern, balance_pattern(x), weight);
     r->total += weight;
+}
+
+/* |z| of in = out; negative if there is too little of both to tell. The ways in and out may be very unlike: one in thousands of steps of tiny
+ * probability, the other in a few certain ones, of which none may have been seen. So the variance is what it would be were both sums as
+ * large as the larger: each way's events have the mean size sum of squares / sum, or that of a whole start while fewer than ten are known. */
+static inline double balance_z(double unit, double in, double in_square, double out, double out_square)
+{
+    double in_size = in * in > 10 * in_square ? in_square / in : unit, out_size = out * out > 10 * out_square ? out_square / out : unit;
+    double flow = fmax(in, out);
+    if (flow < BALANCE_ENOUGH * fmax(in_size, out_size)) return -1;
+    return fabs(in - out) / sqrt(flow * (in_size + out_size));
 }
 
 /* 'samples' tries for a start; from each start 'steps' steps (at most 40) with each subject. */
@@ -214,11 +251,11 @@ static inline Balance balance_run(const Space *space, Starts starts, Subject *su
     BalanceRecord *record = calloc(1, sizeof *record);
     const Camera *camera = &space->scene->camera;
     double left_out = 0;
-    Rng lights = rng_new(seed, 1);
-    for (int i = 0; i < 1024; i++) {
-        Point light;
-        scene_sample_light(space->scene, &lights, &light);
-        starts.aim = along(starts.aim, 1.0 / 1024, light.p);
+    int chosen[BALANCE_STARTS];                    /* candidates to start from */
+    const Mesh *mesh = &space->scene->mesh;
+    for (uint32_t i = 0; i < 3 * space->scene->n_lights; i++) {
+        const float *corner = mesh->position[mesh->triangle[space->scene->light[i / 3]][i % 3]];
+        starts.aim = along(starts.aim, 1.0 / (3 * space->scene->n_lights), from_float(corner));
     }
     *record = (BalanceRecord){ .space = space, .starts = &starts };
     for (uint64_t i = 0; i < samples; i++) {
@@ -228,8 +265,6 @@ static inline Balance balance_run(const Space *space, Starts starts, Subject *su
             if (!balance_aimed_start(space, &starts, &rng, start)) continue;
             W = balance_weight(space, &starts, start);
             if (W > starts.cap) { left_out += W; continue; }
-            result.b += W;
-            if (rng_double(&rng) * starts.threshold >= W) continue;
         } else {
             found->cap = starts.cap;
             found->sum = found->left_out = found->n = 0;
@@ -237,39 +272,46 @@ static inline Balance balance_run(const Space *space, Starts starts, Subject *su
             bdpt_sample(bdpt, space, u * camera->width, v * camera->height, &rng, balance_collect, found);
             left_out += found->left_out;
             W = found->sum;
-            result.b += W;
-            if (found->n == 0 || rng_double(&rng) * starts.threshold >= W) continue;
-            double left = rng_double(&rng) * W;
-            int c = 0;
-            while (c < found->n - 1 && left >= found->all[c].weight) left -= found->all[c++].weight;
-            if (!bdpt_path(bdpt, space, found->all[c].n_light, found->all[c].n_lens, start) || !(start->chi > 0)) { result.bad++; continue; }
-            result.weight_error = fmax(result.weight_error, fabs(balance_weight(space, &starts, start) / found->all[c].weight - 1));
         }
-        W = fmax(W, starts.threshold);
-        result.starts++;
-        for (int s = 0; s < subjects; s++) {
+        result.b += W;
+        int n = (int)floor(W / starts.unit + rng_double(&rng));
+        if (n > BALANCE_STARTS) { result.bad++; n = BALANCE_STARTS; }
+        for (int c, j = 0; j < n && starts.kind == START_BDPT; j++) {
+            double left = rng_double(&rng) * W;
+            for (c = 0; c < found->n - 1 && left >= found->all[c].weight; c++) left -= found->all[c].weight;
+            chosen[j] = c;
+        }
+        result.starts += (uint64_t)n;
+        for (int s = 0; s < subjects && n > 0; s++) {
             Subject *me = &subject[s];
-            bool applies = false;
-            for (int r = 0; r < me->sampler.rows; r++) applies |= me->sampler.share[r] > 0 && me->sampler.table[r].applies(space, start);
-            if (!applies) continue;                /* the state would stay: nothing flows */
             Rng own = rng_new(seed + 1 + (uint64_t)s, i);
-            path_copy(x, start);
             record->n = 0;
-            record->total = 0;
-            chain_run(space, &me->sampler, x, y, steps, &own, balance_record, record, &me->count);
-            balance_add(record, start, -record->total);
-            bool moved = false;
-            for (int t = 0; t < record->n; t++) {
-                unsigned k = record->touched[t];
-                double d = W * record->now[k] / (double)steps;
-                if (d == 0) continue;
-                record->now[k] = 0;
-                moved = true;
-                me->sum[k] += d;
-                me->square[k] += d * d;
-                me->largest[k] = fmax(me->largest[k], d * d);
+            for (int j = 0; j < n; j++) {
+                if (starts.kind == START_BDPT) {
+                    const Candidate *c = &found->all[chosen[j]];
+                    if (!bdpt_path(bdpt, space, c->n_light, c->n_lens, start) || !(start->chi > 0)) { result.bad++; continue; }
+                    result.weight_error = fmax(result.weight_error, fabs(balance_weight(space, &starts, start) / c->weight - 1));
+                }
+                bool applies = false;
+                for (int r = 0; r < me->sampler.rows; r++) applies |= me->sampler.share[r] > 0 && me->sampler.table[r].applies(space, start);
+                if (!applies) continue;            /* the state would stay: nothing flows */
+                path_copy(x, start);
+                record->total = 0;
+                record->signature = balance_signature(start);
+                record->pattern = balance_pattern(start);
+                chain_run(space, &me->sampler, x, y, steps, &own, balance_record, record, &me->count);
+                unsigned class[BALANCE_FAMILIES];
+                balance_classes(space, start, class);
+                for (int f = 0; f < BALANCE_FAMILIES; f++) balance_add(record, class[f], -record->total);
             }
-            me->starts += moved;
+            for (int t = 0; t < record->n; t++) {  /* the sample is the unit of variance: its starts depend on each other */
+                unsigned k = record->touched[t];
+                double d = starts.unit * record->now[k] / (double)steps;
+                record->now[k] = 0;
+                if (fabs(d) < 1e-9 * starts.unit) continue;
+                if (d > 0) { me->in[k] += d; me->in_square[k] += d * d; }
+                else { me->out[k] -= d; me->out_square[k] += d * d; }
+            }
         }
     }
     result.left_out = left_out / (left_out + result.b);
@@ -277,13 +319,13 @@ static inline Balance balance_run(const Space *space, Starts starts, Subject *su
     for (int s = 0; s < subjects; s++) {
         Subject *me = &subject[s];
         for (unsigned k = 0; k < BALANCE_CLASSES; k++) {
-            if (!(me->square[k] > BALANCE_ENOUGH * me->largest[k])) continue;
-            double z = fabs(me->sum[k]) / sqrt(me->square[k]);
+            double z = balance_z(starts.unit, me->in[k], me->in_square[k], me->out[k], me->out_square[k]);
+            if (z < 0) continue;
             me->classes++;
             if (z > me->z) {
                 me->z = z;
                 me->worst_class = k;
-                me->difference = me->sum[k] / (double)samples / result.b;
+                me->difference = (me->in[k] - me->out[k]) / (double)samples / result.b;
             }
         }
         if (me->count.bad > 0) me->z = INFINITY;

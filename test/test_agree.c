@@ -1,0 +1,315 @@
+/* The estimators agree: path tracer, bidirectional path tracer and Metropolis sampler give one picture, tile by tile, whichever way direct
+ * light is computed and however short paths must be; the furnace gives its closed form; b is the mean luminance. The unit of variance is the
+ * independent run. Planted faults must be caught by the same comparisons.
+ *
+ *     test_agree [FACTOR [SEED]]        FACTOR times the samples, for a long run; another seed
+ */
+#include "balance.h"
+#include "check.h"
+#include "render.h"
+#include "test_faults.h"
+
+/* A false alarm of the whole program once in a million. */
+enum { COMPARISONS = 5000 };
+static int comparisons;
+
+static double factor = 1;
+static uint64_t seed = 1;
+
+/* ---- runs and their comparison ---- */
+
+enum { FILM = 16, TILES = 4, RUNS = 20, VALUES = TILES * TILES + 4 };   /* luminance of each tile and of all, then red, green, blue of all */
+
+/* Independent runs of one estimator. */
+typedef struct {
+    int runs;
+    double value[RUNS][VALUES];
+} Group;
+
+static bool always(void *context, const Render *render) { (void)context; (void)render; return true; }
+
+static void add_pixel(double value[VALUES], uint32_t x, uint32_t y, Rgb c, double share)
+{
+    value[(y * TILES / FILM) * TILES + x * TILES / FILM] += share * TILES * TILES * luminance(c);
+    value[TILES * TILES] += share * luminance(c);
+    value[TILES * TILES + 1] += share * c.x;
+    value[TILES * TILES + 2] += share * c.y;
+    value[TILES * TILES + 3] += share * c.z;
+}
+
+typedef struct { double path, bdpt, mlt, bootstrap; } Effort;           /* samples or mutations per pixel; bootstrap samples per run */
+
+static Group render_group(const Scene *scene, Integrator integrator, DirectLight direct, int max_depth, Effort effort)
+{
+    static uint64_t stream;                        /* a seed for each run of the program */
+    Group g = { .runs = RUNS };
+    for (int i = 0; i < RUNS; i++) {
+        Settings s = {
+            .integrator = integrator, .direct = direct, .max_depth = max_depth, .strategies = ~0u, .seed = seed * 1000000 + stream++,
+            .per_pixel = factor * (integrator == INTEGRATOR_PATH ? effort.path : integrator == INTEGRATOR_BDPT ? effort.bdpt : effort.mlt),
+            .bootstrap = (uint64_t)(factor * effort.bootstrap),
+        };
+        Render *r = render_new(scene, &s);
+        Image *image = image_new(FILM, FILM);
+        if (!CHECK(r && image && render_run(r, always, NULL))) { g.runs = 0; break; }
+        render_image(r, image);
+        for (uint32_t y = 0; y < FILM; y++)
+            for (uint32_t x = 0; x < FILM; x++) add_pixel(g.value[i], x, y, from_float(image->rgb + 3 * (y * FILM + x)), 1.0 / (FILM * FILM));
+        CHECK(render_stats(r).bad_samples == 0);
+        render_free(r);
+        image_free(image);
+    }
+    return g;
+}
+
+static void moments(const Group *g, int v, double *mean, double *variance)
+{
+    double sum = 0, squares = 0;
+    for (int i = 0; i < g->runs; i++) sum += g->value[i][v];
+    *mean = sum / g->runs;
+    for (int i = 0; i < g->runs; i++) squares += (g->value[i][v] - *mean) * (g->value[i][v] - *mean);
+    *variance = squares / (g->runs - 1) / g->runs;                       /* of the mean */
+}
+
+/* Chance that |t| of Student's distribution is larger: t = sqrt(freedom) tan(angle), the density goes as cos^(freedom - 1). */
+static double student_tail(double t, double freedom)
+{
+    double start = atan(t / sqrt(freedom)), tail = 0, all = 0;
+    enum { STEPS = 2000 };
+    for (int i = 0; i < STEPS; i++) {
+        double u = (i + 0.5) / STEPS;
+        tail += (PI / 2 - start) * pow(cos(start + (PI / 2 - start) * u), freedom - 1);
+        all += PI / 2 * pow(cos(PI / 2 * u), freedom - 1);
+    }
+    return tail / all;
+}
+
+typedef enum { BY_TILES, AS_A_WHOLE } Detail;
+
+/* The smallest chance of any value's difference, by Welch's test. */
+static double least_chance(const Group *a, const Group *b, Detail detail, int *worst)
+{
+    double least = 1;
+    *worst = -1;
+    for (int v = detail == BY_TILES ? 0 : TILES * TILES; v < VALUES; v++) {
+        double mean_a, mean_b, variance_a, variance_b;
+        moments(a, v, &mean_a, &variance_a);
+        moments(b, v, &mean_b, &variance_b);
+        double variance = variance_a + variance_b, difference = fabs(mean_a - mean_b), chance;
+        comparisons++;
+        if (difference <= 1e-6 * fabs(mean_a)) continue;                 /* exact pixels, or black ones */
+        if (!(variance > 0)) chance = 0;
+        else chance = student_tail(difference / sqrt(variance), variance * variance / ((variance_a * variance_a) / (a->runs - 1) + (variance_b * variance_b) / (b->runs - 1)));
+        if (!(chance >= least)) { least = chance; *worst = v; }
+    }
+    return least;
+}
+
+static const double CHANCE = 1e-6 / COMPARISONS;
+
+static void agree(const char *name, const Group *a, const Group *b, Detail detail)
+{
+    int worst;
+    double chance = least_chance(a, b, detail, &worst), mean_a, mean_b, variance_a, variance_b, error;
+    moments(a, TILES * TILES, &mean_a, &variance_a);
+    moments(b, TILES * TILES, &mean_b, &variance_b);
+    error = sqrt(variance_a + variance_b) / mean_a;
+    printf("    %-34s ratio of means %.4f +- %.4f, least chance %.1g\n", name, mean_a > 0 ? mean_b / mean_a : 1, mean_a > 0 ? error : 0, chance);
+    if (!CHECK(chance > CHANCE)) printf("    value %d\n", worst);
+}
+
+static void disagree(const char *name, const Group *a, const Group *b, Detail detail)
+{
+    int worst;
+    double chance = least_chance(a, b, detail, &worst);
+    printf("    planted: %-60s chance %.1g\n", name, chance);
+    CHECK(chance < CHANCE);
+}
+
+static Group sum(const Group *a, const Group *b)
+{
+    Group g = *a;
+    for (int i = 0; i < g.runs; i++)
+        for (int v = 0; v < VALUES; v++) g.value[i][v] += b->value[i][v];
+    return g;
+}
+
+static bool load(Scene *scene, const char *file)
+{
+    Report report = { .warnings = NULL };
+    CameraSettings camera = { .has_size = true, .width = FILM, .height = FILM };
+    bool ok = scene_load(scene, file, &camera, BVH_FAST, &report);
+    if (!CHECK(ok)) printf("%s: %s\n", file, report.error);
+    return ok;
+}
+
+/* ---- every scene, every way of direct light ---- */
+
+static void test_scenes(void)
+{
+    /* How far the independent estimators can be trusted: where light is found by paths of huge weight alone, a run has a handful of them,
+     * and its mean is no normal variable. There the Metropolis runs are compared with each other by tiles, the others as a whole or not at all. */
+    static const struct { const char *file; int max_depth; bool path, bdpt, path_none; Effort effort; } list[] = {
+        { "scenes/cornell.obj", 8, true, true, true, { 48, 16, 96, 4000 } },
+        { "scenes/cornell.obj", 3, true, true, true, { 48, 16, 96, 4000 } },
+        { "scenes/caustic.obj", 8, false, true, false, { 48, 24, 96, 6000 } },
+        { "scenes/pool.obj", 8, false, false, false, { 48, 16, 96, 6000 } },
+        { "scenes/glossy.obj", 6, true, true, true, { 48, 24, 96, 6000 } },
+        { "scenes/door.obj", 12, false, true, false, { 48, 16, 96, 4000 } },
+        { "test/scenes/mirror-smooth.obj", 6, false, false, false, { 48, 24, 96, 6000 } },
+        { "test/scenes/water-smooth.obj", 6, false, false, false, { 64, 24, 96, 6000 } },
+        { "test/scenes/underwater.obj", 6, true, false, false, { 64, 24, 96, 6000 } },
+        { "test/scenes/direct.obj", 6, true, true, false, { 48, 24, 96, 6000 } },
+        { "test/scenes/lens-dof.obj", 5, true, true, false, { 48, 24, 96, 6000 } },
+        { "test/scenes/texture.obj", 4, true, true, true, { 48, 16, 96, 4000 } },
+    };
+    for (size_t i = 0; i < sizeof list / sizeof list[0]; i++) {
+        Scene scene;
+        if (!load(&scene, list[i].file)) continue;
+        int depth = list[i].max_depth;
+        Effort effort = list[i].effort;
+        printf("%s, paths of up to %d edges\n", list[i].file, depth);
+        Group apart = render_group(&scene, INTEGRATOR_MLT, LIGHT_APART, depth, effort), chain = render_group(&scene, INTEGRATOR_MLT, LIGHT_CHAIN, depth, effort);
+        Group none = render_group(&scene, INTEGRATOR_MLT, LIGHT_NONE, depth, effort), only = render_group(&scene, INTEGRATOR_MLT, LIGHT_ONLY, depth, effort);
+        Group path_only = render_group(&scene, INTEGRATOR_PATH, LIGHT_ONLY, depth, effort), bdpt_only = render_group(&scene, INTEGRATOR_BDPT, LIGHT_ONLY, depth, effort);
+        Group both = sum(&none, &only);
+        agree("mlt: apart, chain", &apart, &chain, BY_TILES);
+        agree("mlt: apart, none + only", &apart, &both, BY_TILES);
+        agree("only: path, mlt", &path_only, &only, BY_TILES);
+        agree("only: path, bdpt", &path_only, &bdpt_only, BY_TILES);
+        if (list[i].bdpt || list[i].path) {
+            Group path = render_group(&scene, INTEGRATOR_PATH, LIGHT_APART, depth, effort), bdpt = render_group(&scene, INTEGRATOR_BDPT, LIGHT_APART, depth, effort);
+            Detail detail = list[i].path && list[i].bdpt ? BY_TILES : AS_A_WHOLE;
+            if (list[i].bdpt) agree("all: bdpt, mlt apart", &bdpt, &apart, detail);
+            if (list[i].bdpt) agree("all: bdpt, mlt chain", &bdpt, &chain, detail);
+            if (list[i].path) agree("all: path, mlt apart", &path, &apart, detail);
+            if (list[i].path && list[i].bdpt) {
+                Group bdpt_none = render_group(&scene, INTEGRATOR_BDPT, LIGHT_NONE, depth, effort), path_none = render_group(&scene, INTEGRATOR_PATH, LIGHT_NONE, depth, effort);
+                Group path_both = sum(&path_none, &path_only), bdpt_both = sum(&bdpt_none, &bdpt_only);
+                agree("all: path, bdpt", &path, &bdpt, BY_TILES);
+                agree("none: bdpt, mlt", &bdpt_none, &none, BY_TILES);
+                if (list[i].path_none) agree("none: path, bdpt", &path_none, &bdpt_none, BY_TILES);
+                if (list[i].path_none) agree("path: all, none + only", &path, &path_both, BY_TILES);
+                agree("bdpt: all, none + only", &bdpt, &bdpt_both, BY_TILES);
+            }
+        }
+        scene_free(&scene);
+    }
+}
+
+/* ---- the same with small errors, and planted faults ---- */
+
+/* A Metropolis run by hand, for rows that are not those of mutation_table. */
+static void splat(void *context, const Path *x, double weight)
+{
+    add_pixel(context, (uint32_t)x->raster_x, (uint32_t)x->raster_y, x->colour, weight / x->chi);
+}
+static Group chain_group(const Space *space, const Sampler *sampler, uint64_t bootstrap, uint64_t chains, uint64_t steps)
+{
+    Group g = { .runs = RUNS };
+    Bdpt *bdpt = bdpt_new();
+    Path *x = malloc(sizeof *x), *y = malloc(sizeof *y);
+    ChainCount count = { 0 };
+    for (int i = 0; i < RUNS; i++) {
+        Bootstrap boot;
+        if (!bootstrap_run(&boot, space, bdpt, bootstrap, seed, (uint64_t)(i + 1) << 32)) { CHECK(false); break; }
+        Rng rng = rng_new(seed, (uint64_t)(i + 1) << 33);
+        double offset = rng_double(&rng);
+        for (uint64_t c = 0; c < chains; c++)
+            if (bootstrap_seed(&boot, space, bdpt, even(offset, c, 0), x)) chain_run(space, sampler, x, y, steps, &rng, splat, g.value[i], &count);
+        for (int v = 0; v < VALUES; v++) g.value[i][v] *= boot.b / (double)(chains * steps);
+        bootstrap_free(&boot);
+    }
+    CHECK(count.bad == 0);
+    bdpt_free(bdpt);
+    free(x);
+    free(y);
+    return g;
+}
+
+static void test_precisely(void)
+{
+    Scene scene;
+    if (!load(&scene, "scenes/cornell.obj")) return;
+    Effort effort = { 400, 100, 400, 80000 };
+    int depth = 6;
+    printf("scenes/cornell.obj precisely, paths of up to %d edges\n", depth);
+    Group path = render_group(&scene, INTEGRATOR_PATH, LIGHT_APART, depth, effort), bdpt = render_group(&scene, INTEGRATOR_BDPT, LIGHT_APART, depth, effort);
+    Group mlt = render_group(&scene, INTEGRATOR_MLT, LIGHT_APART, depth, effort);
+    agree("path, bdpt", &path, &bdpt, BY_TILES);
+    agree("path, mlt", &path, &mlt, BY_TILES);
+    agree("bdpt, mlt", &bdpt, &mlt, BY_TILES);
+
+    Space space = { &scene, depth, DIRECT_INCLUDED, NULL };
+    Sampler sampler = sampler_for(&scene, 1u << BIDIR);
+    uint64_t n = (uint64_t)(20000 * factor), chains = (uint64_t)(1000 * factor);
+    Group by_hand = chain_group(&space, &sampler, n, chains, 30);
+    agree("path, bidir by hand", &path, &by_hand, BY_TILES);
+    Group b = { .runs = RUNS };                    /* b of independent bootstraps, beside the path tracer's mean luminance */
+    for (int i = 0; i < RUNS; i++) {
+        Bdpt *work = bdpt_new();
+        Bootstrap boot;
+        if (bootstrap_run(&boot, &space, work, n, seed + 1, (uint64_t)(i + 1) << 32))
+            for (int v = TILES * TILES; v < VALUES; v++) b.value[i][v] = v == TILES * TILES ? boot.b : path.value[i][v];
+        bootstrap_free(&boot);
+        bdpt_free(work);
+    }
+    agree("mean luminance of path, b", &path, &b, AS_A_WHOLE);
+
+    Mutation table[MUTATIONS];
+    memcpy(table, mutation_table, sizeof table);
+    table[BIDIR].propose = bidir_one_way;
+    sampler.table = table;
+    Group one_way = chain_group(&space, &sampler, n, chains, 30);
+    disagree("path, bidir with T of the way taken alone", &path, &one_way, BY_TILES);
+    scene_free(&scene);
+}
+
+/* ---- the furnace ---- */
+
+static void test_furnace(void)
+{
+    Scene scene;
+    static const char *const name[] = { "mlt", "bdpt", "path" };
+    static const Effort some = { 60, 20, 100, 4000 }, much = { 300, 100, 200, 25000 };
+    static const struct { int depth; const Effort *effort; } list[] = { { 1, &some }, { 2, &some }, { 3, &some }, { 5, &much }, { 10, &some } };
+    if (!load(&scene, "scenes/furnace.obj")) return;
+    printf("furnace: every pixel is 1 + 1/2 + .. + 1/2^(K-1)\n");
+    for (size_t d = 0; d < sizeof list / sizeof list[0]; d++) {
+        double expected = 2 * (1 - ldexp(1, -list[d].depth));
+        for (int integrator = INTEGRATOR_MLT; integrator <= INTEGRATOR_PATH; integrator++) {
+            Group g = render_group(&scene, (Integrator)integrator, LIGHT_APART, list[d].depth, *list[d].effort);
+            Group exact = { .runs = RUNS }, longer = exact, scaled = g;
+            for (int i = 0; i < RUNS; i++)
+                for (int v = 0; v < VALUES; v++) {
+                    exact.value[i][v] = expected;
+                    longer.value[i][v] = expected + ldexp(1, -list[d].depth);
+                    scaled.value[i][v] *= 1.02;
+                }
+            double mean, variance;
+            int worst;
+            moments(&g, TILES * TILES, &mean, &variance);
+            double chance = least_chance(&g, &exact, BY_TILES, &worst);
+            printf("    K = %2d, %-4s %.5f +- %.5f, expected %.5f, least chance %.1g\n", list[d].depth, name[integrator], mean, sqrt(variance), expected, chance);
+            CHECK(chance > CHANCE);
+            if (list[d].effort == &some) continue;
+            /* the others need a long run for an error well below 0.1 % */
+            if (integrator == INTEGRATOR_PATH || factor >= 20) CHECK_NEAR(mean, expected, 0.001 * expected);
+            disagree("b too large by 2 %", &exact, &scaled, AS_A_WHOLE);
+            disagree("paths one edge longer", &longer, &g, AS_A_WHOLE);
+        }
+    }
+    scene_free(&scene);
+}
+
+int main(int argc, char **argv)
+{
+    if (argc > 1) factor = atof(argv[1]);
+    if (argc > 2) seed = (uint64_t)atoi(argv[2]);
+    test_scenes();
+    test_precisely();
+    test_furnace();
+    printf("%d comparisons\n", comparisons);
+    CHECK(comparisons < COMPARISONS);
+    return check_report();
+}
