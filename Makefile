@@ -48,7 +48,7 @@ $(BUILD)/test_%: $(BUILD)/test_%.o $(OBJECTS)
 # Everything is proved here; the runner closes with 'N passed, N failed'. To run one: make build/main/test_bvh && build/main/test_bvh
 test: mlt $(TESTS:%=$(BUILD)/%) $(BUILD)/fuzz_obj $(BUILD)/fuzz_image
 	@sh test/run.sh $(TESTS:%=$(BUILD)/%) \
-	    '$(BUILD)/fuzz_obj test/corpus/obj/*' '$(BUILD)/fuzz_image test/corpus/image/*' \
+	    '$(BUILD)/fuzz_obj test/corpus/obj/* && echo 1 passed, 0 failed' '$(BUILD)/fuzz_image test/corpus/image/* && echo 1 passed, 0 failed' \
 	    'sh test/test_cli.sh ./mlt' 'sh test/test_explain.sh ./mlt' 'sh test/test_docs.sh ./mlt'
 
 $(BUILD)/fuzz_%: $(BUILD)/fuzz_%.o $(OBJECTS)
@@ -66,4 +66,5 @@ install: mlt
 clean:
 	rm -rf build mlt
 
+.SECONDARY:
 .PHONY: test demo install clean

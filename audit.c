@@ -113,7 +113,8 @@ static Real slow_T(int row, const Lab *lab, const Path *from, const Path *z, int
 {
     Real T = 1;
     if (row == BIDIR)
-        return slow_p_d1(from->k, k_d) * slow_p_d2(&lab->sampler->tuning, from, s, k_d) * slow_p_a1(from->k, k_d, k_a, lab->space->max_depth) * density_of_ways(z, s, s + k_a);
+        return slow_p_d1(from->k, k_d) * slow_p_d2(&lab->sampler->tuning, from, s, k_d) * slow_p_a1(from->k, k_d, k_a, lab->space->max_depth)
+            * density_of_ways(z, s, s + k_a);
     if (row == CAUSTIC)
         for (int i = m; i < z->k - 1; i++)
             T *= (i == m ? 1 / fabs(dot(z->v[i].to_lens, z->v[i].point.surface.ng)) : pdf_to_lens(z, i, true)) / z->v[i].inv_G;
@@ -183,7 +184,10 @@ static unsigned bin(double value, double low, double step, unsigned bins)
 }
 
 /* Bin of a step: how far, on a logarithmic scale, and whereto. */
-static unsigned step_bin(double u, double phi) { return bin(u * U_BINS, 0, 1, U_BINS) * PHI_BINS + bin((phi / (2 * PI) + 1) * PHI_BINS, 0, 1, 2 * PHI_BINS) % PHI_BINS; }
+static unsigned step_bin(double u, double phi)
+{
+    return bin(u * U_BINS, 0, 1, U_BINS) * PHI_BINS + bin((phi / (2 * PI) + 1) * PHI_BINS, 0, 1, 2 * PHI_BINS) % PHI_BINS;
+}
 
 static unsigned film_bin(const Lab *lab, int row, const Path *x, const Point *lens, Vec3 w)
 {
@@ -216,7 +220,8 @@ static unsigned reference_film(const Lab *lab, int row, const Path *x, Rng *rng)
         py = phi / (2 * PI) * camera->height;
     }
     if (!(px >= 0 && px < camera->width && py >= 0 && py < camera->height)) return BINS - 1;
-    return scene_trace(lab->space->scene, &lens, camera_direction(camera, &lens, px, py), &hit) ? film_bin(lab, row, x, &lens, normalize(sub(hit.p, lens.p))) : BINS - 1;
+    bool met = scene_trace(lab->space->scene, &lens, camera_direction(camera, &lens, px, py), &hit);
+    return met ? film_bin(lab, row, x, &lens, normalize(sub(hit.p, lens.p))) : BINS - 1;
 }
 
 static unsigned reference_turn(const Lab *lab, const Point *at, Vec3 old, Rng *rng)
@@ -253,10 +258,11 @@ static void audit_labels(Finding *f, Lab *lab, const Path *x, uint64_t n, Rng *r
     double seen[LABELS] = { 0 }, expected[LABELS] = { [LABELS - 1] = (double)n }, j_seen[J_BINS] = { 0 }, j_expected[J_BINS] = { 0 };
     for (uint64_t i = 0; i < n; i++) {
         Move move = propose_anew(BIDIR, lab, x, rng);
-        int ways = 0, first = move.s >= 1 && material_is_specular(x->v[move.s].point.surface.material);
+        int ways = 0;
         seen[label(move.k_d, move.s, move.k_a)]++;
         if (move.s < x->k && bidir_ways(x, move.s, move.t, move.k_d - 1) > 0) ways = bidir_ways(&lab->proposal, move.s, move.s + move.k_a, move.k_a - 1);
         if (ways < 2) continue;
+        int first = move.s >= 1 && material_is_specular(x->v[move.s].point.surface.material);
         double u = (move.j - first + rng_double(rng)) / ways;          /* uniform if j is uniform over its ways */
         j_seen[bin(u * J_BINS, 0, 1, J_BINS)] += u >= 0 && u < 1 ? 1 : (double)n;
         for (int b = 0; b < J_BINS; b++) j_expected[b] += 1.0 / J_BINS;

@@ -14,8 +14,9 @@ struct Bdpt {
     int n_light, n_lens;
     /* Prefix after light vertex t: 'sum' over joins at edges before t, 'grown' the density of having grown v[0..t] alone; all over f. */
     double sum[MAX_EDGES + 1], grown[MAX_EDGES + 1];
+    double traced[MAX_EDGES + 1];              /* like sum, over the path tracer's techniques alone, without Russian roulette */
     /* Suffix at lens vertex j: the whole sum is sum * alpha + grown * beta, both taken at that vertex. */
-    double alpha[MAX_EDGES + 1], beta[MAX_EDGES + 1];
+    double alpha[MAX_EDGES + 1], beta[MAX_EDGES + 1], plain[MAX_EDGES + 1];   /* plain: alpha without Russian roulette */
     Rgb light_colour[MAX_EDGES + 1], lens_colour[MAX_EDGES + 1];   /* products of colour up to and with this vertex */
     int lens_diffuse[MAX_EDGES + 1];           /* non-specular vertices among lens vertices 1..j */
 };
@@ -45,6 +46,7 @@ static void trace_light(Bdpt *b, const Space *space, Rng *rng)
     p->light_pdf_a = scene_light_pdf_a(space->scene, m);
     p->v[0].s = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1 };
     b->sum[0] = 1 / emitted;
+    b->traced[0] = b->sum[0];
     b->grown[0] = p->light_pdf_a;
     b->light_colour[0] = p->v[0].s.colour;
     b->n_light = 1;
@@ -53,8 +55,10 @@ static void trace_light(Bdpt *b, const Space *space, Rng *rng)
         if (!path_grow_to_lens(space, p, i, rng)) return;
         if (i > 0) {                           /* v[i] is now known from both sides */
             if (!path_scatter(space, p, i)) return;
+            double inv_C = path_inv_C(p, i - 1);
+            b->traced[i] = b->traced[i - 1] * p->v[i].s.inv_S_light + (i == 1 ? b->grown[0] * inv_C : 0);
             with_survival(&p->v[i]);
-            b->sum[i] = b->sum[i - 1] * p->v[i].s.inv_S_light + b->grown[i - 1] * path_inv_C(p, i - 1);
+            b->sum[i] = b->sum[i - 1] * p->v[i].s.inv_S_light + b->grown[i - 1] * inv_C;
             b->grown[i] = b->grown[i - 1] * p->v[i - 1].s.inv_S_lens;
             b->light_colour[i] = mul(b->light_colour[i - 1], p->v[i].s.colour);
         }
@@ -68,7 +72,7 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
     p->k = MAX_EDGES;
     path_grow_to_light(space, p, p->k + 1, rng);
     b->n_lens = 1;
-    b->alpha[0] = 1;
+    b->alpha[0] = b->plain[0] = 1;
     b->beta[0] = 0;
     b->lens_colour[0] = vec3(1, 1, 1);
     b->lens_diffuse[0] = 0;
@@ -80,6 +84,7 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
         if (!path_grow_to_light(space, p, i, rng) || !path_scatter(space, p, i)) return true;
         with_survival(&p->v[i]);
         b->alpha[j] = b->alpha[j - 1] * p->v[i + 1].s.inv_S_light;
+        b->plain[j] = b->plain[j - 1] * p->v[i + 1].s.inv_S_light / (j > 1 ? survival(&p->v[i + 1].point) : 1);
         b->beta[j] = b->alpha[j - 1] * path_inv_C(p, i) + b->beta[j - 1] * p->v[i].s.inv_S_lens;
         b->lens_colour[j] = mul(b->lens_colour[j - 1], p->v[i].s.colour);
         b->lens_diffuse[j] = b->lens_diffuse[j - 1] + (p->v[i].mode == MODE_NONE);
@@ -89,20 +94,25 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
 }
 
 /* Direct light is L D? S* E: of the lens vertices 1 .. k-2 none may be non-specular, and the joined ones always are. */
+static bool is_direct(const Bdpt *b, int n_light, int n_lens)
+{
+    int k = n_light + n_lens - 1;
+    return k < 3 || (n_light <= 1 && b->lens_diffuse[k - 2] == 0);
+}
+
 static bool counts(const Bdpt *b, const Space *space, int n_light, int n_lens)
 {
     int k = n_light + n_lens - 1;
     if (k > space->max_depth) return false;
-    if (space->direct == DIRECT_INCLUDED) return true;
-    bool direct = k < 3 || (n_light <= 1 && b->lens_diffuse[k - 2] == 0);
-    return direct == (space->direct == DIRECT_ONLY);
+    return space->direct == DIRECT_INCLUDED || is_direct(b, n_light, n_lens) == (space->direct == DIRECT_ONLY);
 }
 
-/* One more vertex in the recurrence of path_routes. */
-typedef struct { double sum, grown; } Routes;
-static Routes extend(Routes r, const Scatter *from, double inv_G, const Scatter *to)
+/* One more vertex in the recurrence of path_routes; 'r' is what Russian roulette has put into to->inv_S_light. */
+typedef struct { double sum, grown, traced; int vertices; } Routes;
+static Routes extend(Routes a, const Scatter *from, double inv_G, const Scatter *to, double r)
 {
-    return (Routes){ r.sum * to->inv_S_light + r.grown * (from->inv_F * inv_G * to->inv_F), r.grown * from->inv_S_lens };
+    double joined = a.grown * (from->inv_F * inv_G * to->inv_F);
+    return (Routes){ a.sum * to->inv_S_light + joined, a.grown * from->inv_S_lens, a.traced * to->inv_S_light / r + (a.vertices == 1 ? joined : 0), a.vertices + 1 };
 }
 
 /* Fills the candidate of n_light and n_lens vertices; false if it carries nothing. */
@@ -118,7 +128,7 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
         double emitted = max3(m->ke);
         if (!(emitted > 0) || dot(lens->to_lens, lens->point.surface.ng) <= 0) return false;
         at_lens = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1 };
-        routes = (Routes){ at_lens.inv_F, scene_light_pdf_a(space->scene, m) };
+        routes = (Routes){ at_lens.inv_F, scene_light_pdf_a(space->scene, m), at_lens.inv_F, 1 };
         colour = at_lens.colour;
     } else {
         const Vertex *light = &b->light.v[n_light - 1];
@@ -134,38 +144,43 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
         Scatter at_light = light->s;
         if (n_light == 1) {
             if (cos_light <= 0) return false;
-            routes = (Routes){ b->sum[0], b->grown[0] };
+            routes = (Routes){ b->sum[0], b->grown[0], b->traced[0], 1 };
             colour = at_light.colour;
         } else {
             if (!bsdf_scatter(&light->point.surface, neg(light[-1].to_lens), w, MODE_NONE, &at_light)) return false;
             double r = survival(&light->point);
             at_light.inv_S_lens *= r;
             at_light.inv_S_light *= r;
-            routes = extend((Routes){ b->sum[n_light - 2], b->grown[n_light - 2] }, &light[-1].s, light[-1].inv_G, &at_light);
+            routes = extend((Routes){ b->sum[n_light - 2], b->grown[n_light - 2], b->traced[n_light - 2], n_light - 1 }, &light[-1].s, light[-1].inv_G, &at_light, r);
             colour = mul(b->light_colour[n_light - 2], at_light.colour);
         }
+        double r_lens = 1;
         if (n_lens == 1) {
             if (!camera_project(&space->scene->camera, &lens->point, neg(w), &x, &y, &we)) return false;
             at_lens = (Scatter){ vec3(1, 1, 1), 1 / we, 0, 1, 1 };
         } else {
             if (!bsdf_scatter(&lens->point.surface, neg(w), lens->to_lens, MODE_NONE, &at_lens)) return false;
-            double r = survival(&lens->point);
-            at_lens.inv_S_lens *= r;
-            at_lens.inv_S_light *= r;
+            r_lens = survival(&lens->point);
+            at_lens.inv_S_lens *= r_lens;
+            at_lens.inv_S_light *= r_lens;
             colour = mul(colour, at_lens.colour);
         }
-        routes = extend(routes, &at_light, inv_G, &at_lens);
-        if (!scene_visible(space->scene, &light->point, &lens->point)) return false;
+        routes = extend(routes, &at_light, inv_G, &at_lens, r_lens);
     }
-    double total = routes.sum;
+    double total = routes.sum, traced = routes.traced;
     if (n_lens > 1) {
-        routes = extend(routes, &at_lens, lens->inv_G, &lens[1].s);
+        routes = extend(routes, &at_lens, lens->inv_G, &lens[1].s, n_lens > 2 ? survival(&lens[1].point) : 1);
         total = routes.sum * b->alpha[n_lens - 2] + routes.grown * b->beta[n_lens - 2];
+        traced = routes.traced * b->plain[n_lens - 2];
         colour = mul(colour, b->lens_colour[n_lens - 2]);
     }
+    c->pixel = (uint32_t)y * space->scene->camera.width + (uint32_t)x;
+    c->traced = luminance(colour) / traced;
+    c->direct = is_direct(b, n_light, n_lens);
+    if (!space_holds(space, c->pixel, c->traced, c->direct)) return false;
+    if (n_light > 0 && !scene_visible(space->scene, &b->light.v[n_light - 1].point, &lens->point)) return false;
     c->n_light = n_light;
     c->n_lens = n_lens;
-    c->pixel = (uint32_t)y * space->scene->camera.width + (uint32_t)x;
     c->rgb = scale(1 / total, colour);
     c->weight = luminance(c->rgb) * (space->weight ? (double)space->weight[c->pixel] : 1);
     return c->weight > 0;
@@ -217,13 +232,25 @@ Rgb path_trace(const Space *space, double x, double y, const double light[3], Rn
     const Scene *scene = space->scene;
     Rgb sum = vec3(0, 0, 0), throughput = vec3(1, 1, 1);
     if (scene->n_lights == 0) return sum;
+    uint32_t width = scene->camera.width, column = (uint32_t)x, row = (uint32_t)y;   /* rounding may have put the position on the far edge */
+    uint32_t pixel = (row < scene->camera.height ? row : row - 1) * width + (column < width ? column : width - 1);
     Point at, next;
     camera_sample_lens(&scene->camera, rng, &at);
-    Vec3 w = camera_direction(&scene->camera, &at, x, y);
+    Vec3 w = camera_direction(&scene->camera, &at, x, y), known = w;
+    Mode mode = MODE_NONE;
     int diffuse = 0;                           /* non-specular vertices so far */
     double pdf_pw = 0;                         /* of the last direction, if light sampling competes with it; else 0 */
+    double survived = 1;                       /* product of the chances of Russian roulette so far */
     for (int edges = 1; edges <= space->max_depth; edges++) {
         if (!scene_trace(scene, &at, w, &next)) break;
+        w = normalize(sub(next.p, at.p));      /* of the points themselves: what scatters is a function of the path alone */
+        bool specular = edges > 1 && material_is_specular(at.surface.material);
+        if (edges > 1) {
+            Scatter s;
+            if (!bsdf_scatter(&at.surface, w, known, mode, &s) || !(s.inv_S_light > 0)) break;
+            throughput = mul(throughput, scale(1 / s.inv_S_light, s.colour));
+            pdf_pw = specular ? 0 : s.inv_S_light / s.inv_F;
+        }
         const Material *m = next.surface.material;
         double cos_light = -dot(w, next.surface.ng);
         bool direct = diffuse == 0 || (diffuse == 1 && pdf_pw > 0);
@@ -234,27 +261,27 @@ Rgb path_trace(const Space *space, double x, double y, const double light[3], Rn
                 double scattering_pdf_a = pdf_pw * cos_light * fabs(dot(w, at.surface.ng)) / dot(d, d);
                 share = scattering_pdf_a / (scattering_pdf_a + scene_light_pdf_a(scene, m));
             }
-            sum = add(sum, scale(share, mul(throughput, m->ke)));
+            Rgb found = scale(share, mul(throughput, m->ke));
+            if (space_holds(space, pixel, luminance(found) * survived, direct)) sum = add(sum, found);
         }
         if (edges == space->max_depth) break;
         at = next;
-        Vec3 known = neg(w);
-        bool specular = material_is_specular(m);
+        known = neg(w);
+        specular = material_is_specular(m);
         if (!specular) {
-            if (space->direct == DIRECT_INCLUDED || (diffuse == 0) == (space->direct == DIRECT_ONLY)) {
+            direct = diffuse == 0;
+            if (space->direct == DIRECT_INCLUDED || direct == (space->direct == DIRECT_ONLY)) {
                 const double random[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
-                sum = add(sum, mul(throughput, sampled_light(space, &at, known, diffuse == 0 ? light : random)));
+                Rgb found = mul(throughput, sampled_light(space, &at, known, direct ? light : random));
+                if (space_holds(space, pixel, luminance(found) * survived, direct)) sum = add(sum, found);
             }
             diffuse++;
         }
         if (space->direct == DIRECT_ONLY && (diffuse > 1 || (diffuse == 1 && specular))) break;
         double survive = edges < 3 ? 1 : fmin(1, max3(throughput));
-        if (rng_double(rng) >= survive) break;
-        Mode mode;
-        Scatter s;
-        if (!bsdf_sample(&at.surface, known, rng, &w, &mode) || !bsdf_scatter(&at.surface, w, known, mode, &s) || !(s.inv_S_light > 0)) break;
-        throughput = mul(throughput, scale(1 / (survive * s.inv_S_light), s.colour));
-        pdf_pw = specular ? 0 : s.inv_S_light / s.inv_F;
+        if (rng_double(rng) >= survive || !bsdf_sample(&at.surface, known, rng, &w, &mode)) break;
+        throughput = scale(1 / survive, throughput);
+        survived *= survive;
     }
     return sum;
 }

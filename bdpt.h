@@ -11,6 +11,8 @@ typedef struct {
     uint32_t pixel;
     Rgb rgb;                   /* f / sum of the densities of all techniques (balance heuristic) */
     double weight;             /* the same of the target f*: luminance times w(pixel) */
+    double traced;             /* path_traced_value of the path */
+    bool direct;               /* path_is_direct */
 } Candidate;
 
 typedef struct Bdpt Bdpt;      /* work space for two subpaths */

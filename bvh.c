@@ -12,7 +12,7 @@
 #include "bvh_tree.h"
 #include <float.h>
 #include <string.h>
-#ifdef __AVX2__
+#ifdef __SSE2__
 #include <immintrin.h>
 #endif
 
@@ -20,21 +20,38 @@ enum { STACK = (WIDTH - 1) * MAX_DEPTH + WIDTH };
 
 /* What the traversal needs of a ray. Within it, t is measured along the largest component of the direction, called axis z of the shear. */
 typedef struct {
-    float inverse[3], near_offset[3], far_offset[3];
-    unsigned near_side[3];             /* row of Node.bound that is met first */
+    /* by the axes of the mesh; the fourth is not used */
+    float inverse[4], near_offset[4], far_offset[4];
+    uint32_t near_side[4];             /* row of Node.bound that is met first */
+    /* in the order x, y, z */
+    float origin[4];
+    float rest[4];                     /* what rounding the origin to float left out, sheared */
+    float shear[4];                    /* the third is the sign of the direction */
     unsigned x, y, z;                  /* axes of the mesh that play x, y, z */
-    float origin[3];                   /* in the order x, y, z */
-    float rest_x, rest_y;              /* what rounding the origin to float left out, sheared */
-    float shear_x, shear_y, sign;
     float t_max;
     uint32_t skip[2];
     double t_shift, t_scale;           /* the ray's own t = (t + t_shift) * t_scale */
 } Walk;
 
+/* A component of (almost) zero becomes this: over the mesh's size the ray moves by much less than boxes are widened. */
+static const float TINY = 1e-12f;
+
 typedef struct { float t[GROUP], u[GROUP], v[GROUP]; } Lanes;
 
-#ifdef __AVX2__
+/* ---- vectors: with AVX2 and FMA, with SSE2 (any x86-64), or left to the compiler ---- */
+
+#ifdef __SSE2__
+/* c + ab and c - ab, where one rounding or two make no difference to the argument above. */
+#ifdef __FMA__
+static inline __m128 plus_product(__m128 a, __m128 b, __m128 c) { return _mm_fmadd_ps(a, b, c); }
+static inline __m128 minus_product(__m128 a, __m128 b, __m128 c) { return _mm_fnmadd_ps(a, b, c); }
+#else
+static inline __m128 plus_product(__m128 a, __m128 b, __m128 c) { return _mm_add_ps(c, _mm_mul_ps(a, b)); }
+static inline __m128 minus_product(__m128 a, __m128 b, __m128 c) { return _mm_sub_ps(c, _mm_mul_ps(a, b)); }
+#endif
+
 /* Which children the ray meets before t_max, and from what t on. */
+#if defined __AVX2__ && defined __FMA__
 static inline unsigned meet_children(const Node *node, const Walk *w, float t_max, float near[WIDTH])
 {
     __m256 t0 = _mm256_setzero_ps(), t1 = _mm256_set1_ps(t_max);
@@ -46,24 +63,42 @@ static inline unsigned meet_children(const Node *node, const Walk *w, float t_ma
     _mm256_storeu_ps(near, t0);
     return (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(t0, t1, _CMP_LE_OQ));
 }
+#else
+static inline unsigned meet_children(const Node *node, const Walk *w, float t_max, float near[WIDTH])
+{
+    unsigned mask = 0;
+    for (int half = 0; half < WIDTH; half += 4) {
+        __m128 t0 = _mm_setzero_ps(), t1 = _mm_set1_ps(t_max);
+        for (unsigned a = 0; a < 3; a++) {
+            __m128 inverse = _mm_set1_ps(w->inverse[a]);
+            const float *first = node->bound[w->near_side[a]] + half, *second = node->bound[w->near_side[a] ^ 1] + half;
+            t0 = _mm_max_ps(plus_product(_mm_loadu_ps(first), inverse, _mm_set1_ps(w->near_offset[a])), t0);
+            t1 = _mm_min_ps(plus_product(_mm_loadu_ps(second), inverse, _mm_set1_ps(w->far_offset[a])), t1);
+        }
+        _mm_storeu_ps(near + half, t0);
+        mask |= (unsigned)_mm_movemask_ps(_mm_cmple_ps(t0, t1)) << half;
+    }
+    return mask;
+}
+#endif
 
 /* Which triangles the ray meets before t_max; where, is written only if there is one. */
 static inline unsigned meet_triangles(const Group *group, const Walk *w, float t_max, Lanes *at)
 {
     __m128 ox = _mm_set1_ps(w->origin[0]), oy = _mm_set1_ps(w->origin[1]), oz = _mm_set1_ps(w->origin[2]);
-    __m128 sx = _mm_set1_ps(w->shear_x), sy = _mm_set1_ps(w->shear_y), rx = _mm_set1_ps(w->rest_x), ry = _mm_set1_ps(w->rest_y);
+    __m128 sx = _mm_set1_ps(w->shear[0]), sy = _mm_set1_ps(w->shear[1]), rx = _mm_set1_ps(w->rest[0]), ry = _mm_set1_ps(w->rest[1]);
     __m128 x[3], y[3], z[3];
     for (int i = 0; i < 3; i++) {
         z[i] = _mm_sub_ps(_mm_loadu_ps(group->vertex[i][w->z]), oz);
-        x[i] = _mm_fnmadd_ps(sx, z[i], _mm_sub_ps(_mm_sub_ps(_mm_loadu_ps(group->vertex[i][w->x]), ox), rx));
-        y[i] = _mm_fnmadd_ps(sy, z[i], _mm_sub_ps(_mm_sub_ps(_mm_loadu_ps(group->vertex[i][w->y]), oy), ry));
+        x[i] = minus_product(sx, z[i], _mm_sub_ps(_mm_sub_ps(_mm_loadu_ps(group->vertex[i][w->x]), ox), rx));
+        y[i] = minus_product(sy, z[i], _mm_sub_ps(_mm_sub_ps(_mm_loadu_ps(group->vertex[i][w->y]), oy), ry));
     }
     __m128 a = _mm_sub_ps(_mm_mul_ps(x[2], y[1]), _mm_mul_ps(y[2], x[1]));
     __m128 b = _mm_sub_ps(_mm_mul_ps(x[0], y[2]), _mm_mul_ps(y[0], x[2]));
     __m128 c = _mm_sub_ps(_mm_mul_ps(x[1], y[0]), _mm_mul_ps(y[1], x[0]));
     __m128 sum = _mm_add_ps(a, _mm_add_ps(b, c)), flip = _mm_and_ps(sum, _mm_set1_ps(-0.0f));
     a = _mm_xor_ps(a, flip); b = _mm_xor_ps(b, flip); c = _mm_xor_ps(c, flip); sum = _mm_xor_ps(sum, flip);
-    __m128 t = _mm_mul_ps(_mm_fmadd_ps(a, z[0], _mm_fmadd_ps(b, z[1], _mm_mul_ps(c, z[2]))), _mm_set1_ps(w->sign));
+    __m128 t = _mm_mul_ps(plus_product(a, z[0], plus_product(b, z[1], _mm_mul_ps(c, z[2]))), _mm_set1_ps(w->shear[2]));
     __m128 inside = _mm_cmpge_ps(_mm_min_ps(a, _mm_min_ps(b, c)), _mm_setzero_ps());
     __m128 between = _mm_and_ps(_mm_cmpgt_ps(t, _mm_setzero_ps()), _mm_cmplt_ps(t, _mm_mul_ps(_mm_set1_ps(t_max), sum)));
     __m128 meets = _mm_and_ps(inside, between);
@@ -77,12 +112,8 @@ static inline unsigned meet_triangles(const Group *group, const Walk *w, float t
     return mask & ~(unsigned)_mm_movemask_ps(_mm_castsi128_ps(skip));
 }
 
-static inline unsigned lowest(unsigned mask) { return (unsigned)_tzcnt_u32(mask); }
-static inline unsigned highest(unsigned mask) { return 31 - (unsigned)_lzcnt_u32(mask); }
-static inline unsigned count_bits(unsigned mask) { return (unsigned)_mm_popcnt_u32(mask); }
 /* Keeps gcc from loading several members of a ray at once: right after they were written one by one, that load waits for all of the writes. */
 static inline double scalar(double a) { __asm__("" : "+x"(a)); return a; }
-static inline void prefetch_line(const void *p) { _mm_prefetch((const char *)p, _MM_HINT_T0); }
 #else
 static inline unsigned meet_children(const Node *node, const Walk *w, float t_max, float near[WIDTH])
 {
@@ -97,7 +128,7 @@ static inline unsigned meet_children(const Node *node, const Walk *w, float t_ma
         }
     }
     unsigned mask = 0;
-    for (int i = 0; i < WIDTH; i++) mask |= (unsigned)(near[i] <= far[i]) << i;
+    for (int i = 0; i < WIDTH; i++) mask |= near[i] <= far[i] ? 1u << i : 0;
     return mask;
 }
 
@@ -107,8 +138,8 @@ static inline unsigned meet_triangles(const Group *group, const Walk *w, float t
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < GROUP; i++) {
             z[k][i] = group->vertex[k][w->z][i] - w->origin[2];
-            x[k][i] = group->vertex[k][w->x][i] - w->origin[0] - w->rest_x - w->shear_x * z[k][i];
-            y[k][i] = group->vertex[k][w->y][i] - w->origin[1] - w->rest_y - w->shear_y * z[k][i];
+            x[k][i] = group->vertex[k][w->x][i] - w->origin[0] - w->rest[0] - w->shear[0] * z[k][i];
+            y[k][i] = group->vertex[k][w->y][i] - w->origin[1] - w->rest[1] - w->shear[1] * z[k][i];
         }
     int meets[GROUP], any = 0;
     for (int i = 0; i < GROUP; i++) {
@@ -118,7 +149,7 @@ static inline unsigned meet_triangles(const Group *group, const Walk *w, float t
         float c0 = x[1][i] * y[0][i], c1 = y[1][i] * x[0][i];
         float d = (a0 - a1) + ((b0 - b1) + (c0 - c1)), flip = d < 0 ? -1.0f : 1.0f;
         a[i] = (a0 - a1) * flip; b[i] = (b0 - b1) * flip; c[i] = (c0 - c1) * flip; sum[i] = d * flip;
-        t[i] = (a[i] * z[0][i] + b[i] * z[1][i] + c[i] * z[2][i]) * w->sign;
+        t[i] = (a[i] * z[0][i] + b[i] * z[1][i] + c[i] * z[2][i]) * w->shear[2];
         meets[i] = (least(a[i], least(b[i], c[i])) >= 0) & (t[i] > 0) & (t[i] < t_max * sum[i]);
         any |= meets[i];
     }
@@ -131,6 +162,62 @@ static inline unsigned meet_triangles(const Group *group, const Walk *w, float t
     return mask;
 }
 
+static inline double scalar(double a) { return a; }
+#endif
+
+/* The parts of a walk that are vectors; d is scaled so that, rounded to float, d[z] is 1 or -1. */
+#if defined __AVX2__ && defined __FMA__
+static inline void aim(Walk *w, const double o[3], const double d[3], double widen)
+{
+    static const uint32_t order[3][4] = { { 1, 2, 0, 3 }, { 2, 0, 1, 3 }, { 0, 1, 2, 3 } };
+    __m256d o4 = _mm256_set_pd(0, o[2], o[1], o[0]);
+    __m128 minus = _mm_set1_ps(-0.0f), direction = _mm256_cvtpd_ps(_mm256_set_pd(1, d[2], d[1], d[0]));
+    __m128 origin = _mm256_cvtpd_ps(o4), rest = _mm256_cvtpd_ps(_mm256_sub_pd(o4, _mm256_cvtps_pd(origin)));
+    __m128 safe = _mm_or_ps(_mm_and_ps(minus, direction), _mm_max_ps(_mm_andnot_ps(minus, direction), _mm_set1_ps(TINY)));
+    __m128 inverse = _mm_div_ps(_mm_set1_ps(1), safe), wide = _mm_mul_ps(_mm_set1_ps((float)widen), _mm_andnot_ps(minus, inverse));
+    __m128i side = _mm_add_epi32(_mm_srli_epi32(_mm_castps_si128(inverse), 31), _mm_setr_epi32(0, 2, 4, 0));
+    _mm_storeu_ps(w->inverse, inverse);
+    _mm_storeu_ps(w->near_offset, _mm_fnmsub_ps(origin, inverse, wide));
+    _mm_storeu_ps(w->far_offset, _mm_fnmadd_ps(origin, inverse, wide));
+    _mm_storeu_si128((__m128i *)(void *)w->near_side, side);
+    __m128i to_xyz = _mm_loadu_si128((const __m128i *)(const void *)order[w->z]);
+    __m128 turned = _mm_permutevar_ps(direction, to_xyz), rest_xyz = _mm_permutevar_ps(rest, to_xyz);
+    __m128 sign = _mm_permute_ps(turned, 0xaa), rest_z = _mm_permute_ps(rest_xyz, 0xaa);
+    __m128 shear = _mm_mul_ps(turned, sign);
+    _mm_storeu_ps(w->origin, _mm_permutevar_ps(origin, to_xyz));
+    _mm_storeu_ps(w->rest, _mm_fnmadd_ps(shear, rest_z, rest_xyz));
+    _mm_storeu_ps(w->shear, _mm_blend_ps(shear, turned, 4));
+}
+#else
+static inline void aim(Walk *w, const double o[3], const double d[3], double widen)
+{
+    for (unsigned a = 0; a < 3; a++) {
+        float origin = (float)o[a], direction = (float)d[a], wide = (float)widen;
+        float inverse = 1 / (fabsf(direction) > TINY ? direction : copysignf(TINY, direction));
+        w->inverse[a] = inverse;
+        w->near_offset[a] = -origin * inverse - wide * fabsf(inverse);
+        w->far_offset[a] = -origin * inverse + wide * fabsf(inverse);
+        w->near_side[a] = 2 * a + (inverse < 0);
+    }
+    unsigned axis[3] = { w->x, w->y, w->z };
+    float rest[3];
+    for (int k = 0; k < 3; k++) {
+        w->origin[k] = (float)o[axis[k]];
+        w->shear[k] = (float)(d[axis[k]] * d[w->z]);
+        rest[k] = (float)(o[axis[k]] - (double)w->origin[k]);
+    }
+    for (int k = 0; k < 2; k++) w->rest[k] = rest[k] - w->shear[k] * rest[2];
+    w->shear[2] = (float)d[w->z];
+}
+#endif
+
+/* Places of bits in a mask of children; any answer will do if there is none. */
+#ifdef __GNUC__
+static inline unsigned lowest(unsigned mask) { return (unsigned)__builtin_ctz(mask | 1u << WIDTH); }
+static inline unsigned highest(unsigned mask) { return 31 - (unsigned)__builtin_clz(mask | 1); }
+static inline unsigned count_bits(unsigned mask) { return (unsigned)__builtin_popcount(mask); }
+static inline void prefetch_line(const void *p) { __builtin_prefetch(p); }
+#else
 static inline unsigned lowest(unsigned mask)
 {
     unsigned i = 0;
@@ -152,7 +239,6 @@ static inline unsigned count_bits(unsigned mask)
     return n;
 }
 
-static inline double scalar(double a) { return a; }
 static inline void prefetch_line(const void *p) { (void)p; }
 #endif
 
@@ -192,16 +278,14 @@ static inline bool begin(const Bvh *bvh, const Ray *ray, Walk *w)
 {
     double o[3] = { scalar(ray->origin.x), scalar(ray->origin.y), scalar(ray->origin.z) };
     double d[3] = { scalar(ray->direction.x), scalar(ray->direction.y), scalar(ray->direction.z) };
-    /* Selected without branches, which could not be predicted. */
     static const unsigned char next[3] = { 1, 2, 0 };
     double ax = fabs(d[0]), ay = fabs(d[1]), az = fabs(d[2]), most = larger(ax, ay);
-    unsigned z = ay > ax;
-    z = az > most ? 2 : z;
+    /* Selected without branches, which could not be predicted. */
+    unsigned is_z = az > most, z = ((ay > ax) & !is_z) | is_z << 1;
     most = larger(most, az);
     unsigned x = next[z], y = next[x];
     w->t_scale = 1 / most;
     for (int a = 0; a < 3; a++) d[a] *= w->t_scale;
-    d[z] = copysign(1, d[z]);
     w->t_shift = 0;
     double far = larger(fabs(o[0]), larger(fabs(o[1]), fabs(o[2])));
     if (far > 4 * bvh->reach) {
@@ -212,25 +296,11 @@ static inline bool begin(const Bvh *bvh, const Ray *ray, Walk *w)
     if (!(t_max > 0)) return false;
     w->t_max = t_max < (double)FLT_MAX ? (float)t_max : FLT_MAX;
 
-    /* Rounding moves a plane's t by at most 3 e (|o| + |plane|) / |d|, where e = 2^-24, and the triangle test moves a hit by at most some
-     * 8 e (|o| + |vertex|); the boxes are widened by more than the sum, for free: it hides in the offsets. */
-    double widen = 14 * 0x1p-24 * (far + bvh->reach);
-    for (int a = 0; a < 3; a++) {
-        /* A component of (almost) zero is replaced: over the mesh's size the ray moves by much less than boxes are widened. */
-        double inverse = 1 / (fabs(d[a]) > 1e-12 ? d[a] : copysign(1e-12, d[a]));
-        w->inverse[a] = (float)inverse;
-        w->near_offset[a] = (float)(-o[a] * inverse - widen * fabs(inverse));
-        w->far_offset[a] = (float)(-o[a] * inverse + widen * fabs(inverse));
-        w->near_side[a] = 2 * (unsigned)a + (inverse < 0);
-    }
+    /* Rounding moves a plane's t by at most 6 e (|o| + |plane|) / |d|, where e = 2^-24 (once each for o, d, 1/d and the operations of
+     * aim and meet_children), and the triangle test moves a hit by at most some 8 e (|o| + |vertex|); the boxes are widened by more than
+     * the sum, for free: it hides in the offsets. */
     w->x = x; w->y = y; w->z = z;
-    double shear_x = d[x] * d[z], shear_y = d[y] * d[z];
-    w->sign = (float)d[z];
-    w->shear_x = (float)shear_x; w->shear_y = (float)shear_y;
-    w->origin[0] = (float)o[x]; w->origin[1] = (float)o[y]; w->origin[2] = (float)o[z];
-    double rest_z = o[z] - (double)w->origin[2];
-    w->rest_x = (float)(o[x] - (double)w->origin[0] - shear_x * rest_z);
-    w->rest_y = (float)(o[y] - (double)w->origin[1] - shear_y * rest_z);
+    aim(w, o, d, 16 * 0x1p-24 * (far + bvh->reach));
     w->skip[0] = ray->skip[0]; w->skip[1] = ray->skip[1];
     return true;
 }

@@ -188,7 +188,8 @@ static void print_deletion(FILE *out, const Half *h, const Tuning *tuning)
     int k_d = h->t - h->s, n = p->k + 3 - k_d;
     double share = tuning->p_d2_importance, W = 0, mine = 0;
     fprintf(out, "  delete: s = %d, t = %d, k_d = t - s = %d of %d edges [lecture: Choosing a segment to delete; Deletion Probability]\n", h->s, h->t, k_d, p->k);
-    fprintf(out, "    p_d1^%s[%d] = %.9g / (1 - %.9g) = %.9g    1/4, 1/2, 2^-e; cut at k + 2 and normalised again\n", h->x, k_d, raw_p_d1(k_d), ldexp(1, -(p->k + 2)), h->p_d1);
+    fprintf(out, "    p_d1^%s[%d] = %.9g / (1 - %.9g) = %.9g    1/4, 1/2, 2^-e; cut at k + 2 and normalised again\n", h->x, k_d,
+            raw_p_d1(k_d), ldexp(1, -(p->k + 2)), h->p_d1);
     fprintf(out, "    w^%s[s,t], the computable part of 1/R(%s|%s), for each segment of %d edge%s%s:\n     ", h->x, h->x, h->y, k_d, k_d > 1 ? "s" : "",
             tuning->light_scale != 1 ? " (with s = -1 times light_scale)" : "");
     for (int s = -1; s <= p->k + 1 - k_d; s++) {
@@ -198,7 +199,8 @@ static void print_deletion(FILE *out, const Half *h, const Tuning *tuning)
         fprintf(out, " w^%s[%d,%d] = %.9g%s", h->x, s, s + k_d, w, s == p->k + 1 - k_d ? "\n" : ";");
     }
     fprintf(out, "    W^%s(%d) = sum of these = %.9g\n", h->x, k_d, W);
-    fprintf(out, "    p_d2^%s[%d,%d] = share uniform over %d segments, the rest w/W = %.9g / %d + %.9g * %.9g / %.9g = %.9g\n", h->x, h->s, h->t, n, 1 - share, n, share, mine, W, h->p_d2);
+    fprintf(out, "    p_d2^%s[%d,%d] = share uniform over %d segments, the rest w/W = %.9g / %d + %.9g * %.9g / %.9g = %.9g\n", h->x, h->s, h->t,
+            n, 1 - share, n, share, mine, W, h->p_d2);
     fprintf(out, "    p_d^%s[%d,%d] = p_d1 p_d2 = %.9g * %.9g = %.9g\n", h->x, h->s, h->t, h->p_d1, h->p_d2, p_d(h));
 }
 
@@ -211,8 +213,10 @@ static void print_half(FILE *out, const Half *h, const Tuning *tuning)
     char text[TEXT];
     bool possible;
     print_deletion(out, h, tuning);
-    fprintf(out, "  add: k_a = %d edge%s, so m = s' + t' = %d new vert%s [lecture: Choosing a segment to add]\n", k_a, k_a > 1 ? "s" : "", m, m == 1 ? "ex" : "ices");
-    fprintf(out, "    p_a1^%s[%d] = %.9g / %.9g = %.9g    1/2, 0.15, 0.15, rest; cut and normalised again\n", h->x, k_a, raw_p_a1(k_a - k_d), raw_p_a1(k_a - k_d) / h->p_a1, h->p_a1);
+    fprintf(out, "  add: k_a = %d edge%s, so m = s' + t' = %d new vert%s [lecture: Choosing a segment to add]\n", k_a,
+            k_a > 1 ? "s" : "", m, m == 1 ? "ex" : "ices");
+    fprintf(out, "    p_a1^%s[%d] = %.9g / %.9g = %.9g    1/2, 0.15, 0.15, rest; cut and normalised again\n", h->x, k_a,
+            raw_p_a1(k_a - k_d), raw_p_a1(k_a - k_d) / h->p_a1, h->p_a1);
     fprintf(out, "    p_a^%s[s',t'] = p_a1 / %d possible = %.9g / %d = %.9g\n", h->x, ways, h->p_a1, ways, p_a(h));
     fprintf(out, "  what the ways are made of, along %s:\n", h->y);
     print_numbers_along(out, h->to, h->s, h->t_to);
@@ -292,9 +296,11 @@ static void print_one_vertex(FILE *out, const Half *h)
     fprintf(out, "    with K = p_d^%s[%d,%d] = %.9g, A = p_a^%s[1,0] = %.9g, B = p_a^%s[0,1] = %.9g\n", h->x, s, h->t, K, h->x, A, h->x, A);
     fprintf(out, "    with C = %s = %.9g, C' = %s = %.9g, S = %s = %.9g, S' = %s = %.9g\n", C[0], C1, C[1], C2, S[0], S1, S[1], S2);
     fprintf(out, "    R(%s|%s) = chi (C C' / %s) / ( K ( A %s %s / S + B %s %s / S' ) )\n", h->y, h->x, f[1], f[0], G[0], f[2], G[1]);
-    fprintf(out, "      = %.9g * (%.9g * %.9g / %.9g) / (%.9g * (%.9g * %.9g * %.9g / %.9g + %.9g * %.9g * %.9g / %.9g)) = %.9g\n", chi, C1, C2, f2, K, A, f1, G1, S1, A, f3, G2, S2, h->R);
+    fprintf(out, "      = %.9g * (%.9g * %.9g / %.9g) / (%.9g * (%.9g * %.9g * %.9g / %.9g + %.9g * %.9g * %.9g / %.9g)) = %.9g\n",
+            chi, C1, C2, f2, K, A, f1, G1, S1, A, f3, G2, S2, h->R);
     fprintf(out, "    R(%s|%s) = chi (C C' / %s) / ( K ( A C / S + B C' / S' ) / %s )\n", h->y, h->x, f[1], f[1]);
-    fprintf(out, "      = %.9g * (%.9g * %.9g / %.9g) / (%.9g * (%.9g * %.9g / %.9g + %.9g * %.9g / %.9g) / %.9g) = %.9g\n", chi, C1, C2, f2, K, A, C1, S1, A, C2, S2, f2, h->R);
+    fprintf(out, "      = %.9g * (%.9g * %.9g / %.9g) / (%.9g * (%.9g * %.9g / %.9g + %.9g * %.9g / %.9g) / %.9g) = %.9g\n",
+            chi, C1, C2, f2, K, A, C1, S1, A, C2, S2, f2, h->R);
     fprintf(out, "    R(%s|%s) = chi C C' / ( K ( A C / S + B C' / S' ) )\n", h->y, h->x);
     fprintf(out, "      = %.9g * %.9g * %.9g / (%.9g * (%.9g * %.9g / %.9g + %.9g * %.9g / %.9g)) = %.9g\n", chi, C1, C2, K, A, C1, S1, A, C2, S2, h->R);
 }
@@ -362,7 +368,8 @@ static void print_perturbation(FILE *out, int row, const Tuning *t, const Named 
         print_turn(out, t, a->v[m].to_lens, b->v[m].to_lens);
     } else {
         if (row == SUBPATH) fprintf(out, "  a fresh raster position, uniform over the film%s", y->first + y->count > b->k ? ", and a fresh point of the lens" : "");
-        else fprintf(out, "  the raster position moves by %.6g pixels, of steps from %.6g to %.6g", hypot(b->raster_x - a->raster_x, b->raster_y - a->raster_y), t->r2 * exp(t->log_r), t->r2);
+        else fprintf(out, "  the raster position moves by %.6g pixels, of steps from %.6g to %.6g",
+                     hypot(b->raster_x - a->raster_x, b->raster_y - a->raster_y), t->r2 * exp(t->log_r), t->r2);
         fprintf(out, ": from (%.4f, %.4f) to (%.4f, %.4f)\n", a->raster_x, a->raster_y, b->raster_x, b->raster_y);
     }
     for (int i = b->k - 1; i > m && row != CAUSTIC && row != SUBPATH; i--) {
@@ -430,7 +437,8 @@ static bool wanted(const ExplainOptions *o, const Sampler *sampler, const Path *
 {
     const Move *m = &step->move;
     if (step->row < 0 || (step->outcome != PROPOSED && step->outcome != ZERO_BLOCKED)) return false;
-    if ((o->accepted && !step->accepted) || (o->length && x->k != o->length) || (o->strategy && strcmp(sampler->table[step->row].name, o->strategy) != 0)) return false;
+    if ((o->accepted && !step->accepted) || (o->length && x->k != o->length) ||
+        (o->strategy && strcmp(sampler->table[step->row].name, o->strategy) != 0)) return false;
     if (step->row == BIDIR && m->k_d == 1 && m->k_a == 1) return false;    /* y = x */
     bool specular = !sampler->table[step->row].needs_specular;             /* such a row is best seen at a path that needs it */
     for (int i = m->first; i <= m->last; i++) specular |= path_specular(x, i);
@@ -486,7 +494,8 @@ static void print_step(FILE *out, const Space *space, const Sampler *sampler, co
     fputs("\nACCEPTANCE [lecture: AcceptProb, with min(1, .) and the choice of the strategy]\n", out);
     double q_x = print_choice(out, space, sampler, x, "x", step->row), q_y = print_choice(out, space, sampler, y, "y", step->row);
     int V = step->outcome != ZERO_BLOCKED;
-    if (m->joined >= 0) fprintf(out, "  V(%s,%s) = %d    %s\n", vertex_name(&new, m->joined, a), vertex_name(&new, m->joined + 1, b), V, V ? "nothing is in between" : "blocked, f(y) = 0");
+    if (m->joined >= 0)
+        fprintf(out, "  V(%s,%s) = %d    %s\n", vertex_name(&new, m->joined, a), vertex_name(&new, m->joined + 1, b), V, V ? "nothing is in between" : "blocked, f(y) = 0");
     else fputs("  V = 1    no edge was joined: all were traced\n", out);
     fprintf(out, "  a(y|x) = V min(1, R(y|x) q(y) / ( R(x|y) q(x) )) = %d * min(1, %.9g * %.9g / (%.9g * %.9g)) = %.9g\n", V, m->R_yx, q_y, m->R_xy, q_x, step->a);
     fprintf(out, "  The chain %s y.\n", step->accepted ? "accepted" : "rejected");
@@ -515,10 +524,12 @@ bool explain(const Space *space, const Sampler *sampler, const ExplainOptions *o
     for (int r = 0; r < sampler->rows; r++)
         if (o->strategy && strcmp(sampler->table[r].name, o->strategy) == 0) row = r;
     if (o->strategy && row < 0) return report_error(report, NULL, 0, "there is no strategy '%s'", o->strategy);
-    if (o->strategy && !(sampler->share[row] > 0)) return report_error(report, NULL, 0, "'%s' is not among the strategies, or of no use in a scene without mirrors and glass", o->strategy);
+    if (o->strategy && !(sampler->share[row] > 0))
+        return report_error(report, NULL, 0, "'%s' is not among the strategies, or of no use in a scene without mirrors and glass", o->strategy);
     if (o->example && o->strategy && row != BIDIR) return report_error(report, NULL, 0, "the lecture's examples are mutations by '%s'", sampler->table[BIDIR].name);
     Lab *lab = calloc(1, sizeof *lab);
-    bool ok = lab && (lab->bdpt = bdpt_new()) && bootstrap_run(&lab->seeds, space, lab->bdpt, o->bootstrap ? o->bootstrap : default_count, o->seed, (uint64_t)1 << 32);
+    uint64_t samples = o->bootstrap ? o->bootstrap : default_count;
+    bool ok = lab && (lab->bdpt = bdpt_new()) && bootstrap_run(&lab->seeds, space, lab->bdpt, samples, o->seed, (uint64_t)1 << 32);
     if (!ok) report_error(report, NULL, 0, "out of memory");
     else if (!(lab->seeds.b > 0)) ok = report_error(report, NULL, 0, "no light reaches the camera on any of %" PRIu64 " paths: nothing to mutate", lab->seeds.n);
     else if (o->audit) ok = audit(space, sampler, &lab->seeds, lab->bdpt, o->proposals ? o->proposals : audit_count, o->seed, out, report);

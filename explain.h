@@ -1,8 +1,8 @@
-/* One real mutation, printed as the slides write it, with every number that its acceptance is made of; and an audit of the mutations on any scene.
+/* 'mlt explain': one real mutation, printed as the slides write it, with every number that its acceptance is made of; or the audit (audit.h).
  *
  * The sampler itself makes the step (chain_run); the same random numbers, replayed through the same row of the table, say what it did. What is
  * printed last on each line is the renderer's own number, before it are the numbers that it should be made of: they must multiply out.
- * Knows no options and no files. [lecture: An example; Example I fleshed out; Example 2] */
+ * Knows no options of the command line and no files. [lecture: An example; Example I fleshed out; Example 2] */
 #ifndef EXPLAIN_H
 #define EXPLAIN_H
 #include "mlt.h"
@@ -18,7 +18,8 @@ typedef struct {
     uint64_t seed;
 } ExplainOptions;
 
-/* Finds a mutation that meets the options and prints it. The space's image-plane weight must be NULL. False with an error if there is none among
- * the tries, or if the audit found anything off (what it found is printed). */
+/* Finds a mutation that meets the options and prints it, or prints the audit, to which strategy, accepted, length and example mean nothing.
+ * The space's image-plane weight must be NULL. False with an error if there is none among the tries, or if the audit found anything off (what it
+ * found is printed). */
 bool explain(const Space *space, const Sampler *sampler, const ExplainOptions *options, FILE *out, Report *report);
 #endif

@@ -382,7 +382,8 @@ static bool run_explain(Options *o, const char *const *operand, int operands, Re
     bool ok = scene_load(&scene, o->scene, &o->camera, BVH_FAST, report);
     if (ok) {
         /* the space of the chains: without direct light if that is computed apart, as in a picture */
-        Space space = { &scene, s->max_depth, s->direct == LIGHT_CHAIN ? DIRECT_INCLUDED : s->direct == LIGHT_ONLY ? DIRECT_ONLY : DIRECT_EXCLUDED, NULL };
+        DirectClass direct = s->direct == LIGHT_CHAIN ? DIRECT_INCLUDED : s->direct == LIGHT_ONLY ? DIRECT_ONLY : DIRECT_EXCLUDED;
+        Space space = { .scene = &scene, .max_depth = s->max_depth, .direct = direct };
         Sampler sampler = sampler_for(&scene, s->strategies);
         o->explain.bootstrap = s->bootstrap;
         o->explain.seed = s->seed;

@@ -226,7 +226,7 @@ bool options_read(Options *o, ForCommand command, int argc, char **argv, const c
         o->scene = operand[0];
     } else if (*operands == 0) return report_error(report, NULL, 0, "merge needs saved runs");
     Settings *s = &o->settings;
-    o->explain.proposals = (uint64_t)s->per_pixel;     /* 0: its own default */
+    o->explain.proposals = (uint64_t)ceil(s->per_pixel);     /* 0: its own default */
     if (s->per_pixel == 0 && s->seconds == 0 && s->error == 0) s->per_pixel = 256;
     return true;
 }

@@ -49,6 +49,10 @@ typedef struct {
     int max_depth;                 /* longest path in edges */
     DirectClass direct;
     const float *weight;           /* w per pixel, NULL for 1 */
+    /* Path space cut in two by what a path tracer makes of it: NULL, or per pixel the largest luminance that the path tracer's estimate from one
+     * path may have. Paths at or below it (path_traced_value), and all direct ones, are easy; the space holds those, or the others. */
+    const float *threshold;
+    bool hard;
 } Space;
 
 /* Copies k, ends' caches and the k+1 vertices that the path has. */
@@ -78,6 +82,15 @@ void path_finish(const Space *space, Path *path);
 bool path_evaluate(const Space *space, Path *path);
 
 bool path_is_direct(const Path *path);
+
+/* Luminance of f/p, p the density with which a path tracer finds the path: growing it from the lens until it meets the light by itself, or
+ * joining x_1 to a sampled light point (the balance heuristic over both; Russian roulette apart). */
+double path_traced_value(const Path *path);
+/* Whether a path of this value in this pixel is in the space, as far as the cut goes. */
+static inline bool space_holds(const Space *space, uint32_t pixel, double value, bool direct)
+{
+    return !space->threshold || (direct || value <= (double)space->threshold[pixel]) != space->hard;
+}
 
 /* v[i] scatters at a specular surface (never true at the ends). */
 static inline bool path_specular(const Path *p, int i)

@@ -2,8 +2,13 @@
  *
  * A Metropolis run is a row of independent rounds. Each has its own bootstrap, its own b, its own chains, and leaves an unbiased picture; the
  * result is their average, weighted by mutations. So b grows sharper as the run goes on, the spread between rounds tells the error (a
- * shared b would hide its own), and a round may use what earlier ones have learned: the two-stage weight w ~ 1/picture, and the share of direct
- * light. Every round and every chain has its own random stream, so the state of a run is a few pictures and counters.
+ * shared b would hide its own), and a round may use what earlier ones have learned: the two-stage weight w ~ 1/picture, and the shares of work.
+ *
+ * With direct light apart, path space is cut in two: paths that a path tracer finds with a value not far above the picture are left to it,
+ * together with direct light; the chains get the others. The path tracer's values are bounded then, and the chains need not visit what is
+ * easy. Which path is which depends on the path and on thresholds that a pilot has set, whose own picture is thrown away.
+ *
+ Every round and every chain has its own random stream, so the state of a run is a few pictures and counters.
  */
 #include "run.h"
 #include <stdlib.h>
@@ -11,7 +16,10 @@
 #include <time.h>
 
 enum {
-    ROUNDS = 16,                   /* after a pilot of a fiftieth of the work */
+    PILOTS = 4,                    /* short rounds that teach, a hundredth of the work each, and are thrown away */
+    ROUNDS = 16,                   /* that make the picture */
+    CUTS = 7,                      /* cuts that are weighed: easy up to 1, 2, 4 .. 64 times the picture's own value */
+    SURVEY = 4000,                 /* samples for that */
     SLICE = 16384,                 /* steps between two looks at the clock */
     STREAM_BITS = 40               /* of a random stream's number, below the round's */
 };
@@ -31,7 +39,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     r->settings = settings;
     r->pixels = (size_t)scene->camera.width * scene->camera.height;
     DirectClass all = settings->direct == LIGHT_ONLY ? DIRECT_ONLY : settings->direct == LIGHT_NONE ? DIRECT_EXCLUDED : DIRECT_INCLUDED;
-    r->chain_space = r->direct_space = (Space){ scene, settings->max_depth, all, NULL };
+    r->chain_space = r->direct_space = (Space){ .scene = scene, .max_depth = settings->max_depth, .direct = all };
     if (settings->integrator == INTEGRATOR_MLT) {
         r->has_chain = settings->direct != LIGHT_ONLY;
         r->has_direct = settings->direct == LIGHT_ONLY || settings->direct == LIGHT_APART;
@@ -44,6 +52,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     if (settings->integrator == INTEGRATOR_BDPT) ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)
         ok = ok && (r->film = calloc(doubles, 8)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8)) && (r->weight = malloc(r->pixels * sizeof *r->weight));
+    if (r->has_chain && r->has_direct) ok = ok && (r->threshold = calloc(r->pixels, sizeof *r->threshold));
     if (!ok) { render_free(r); return NULL; }
     r->sampler = sampler_for(scene, settings->strategies);
     r->direct_share = 0.2;
@@ -57,7 +66,7 @@ void render_free(Render *r)
 {
     if (!r) return;
     bdpt_free(r->bdpt);
-    void *owned[] = { r->x, r->y, r->passes.sum, r->passes.square, r->passes.count, r->passes.light, r->passes.light_square, r->film, r->sum, r->square, r->weight, r };
+    void *owned[] = { r->x, r->y, r->passes.sum, r->passes.square, r->passes.count, r->passes.light, r->passes.light_square, r->film, r->sum, r->square, r->weight, r->threshold, r };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
 }
 
@@ -157,10 +166,10 @@ static double around(const Render *r, const float *picture, size_t pixel)
 }
 
 /* The error of two kinds of work falls as 1/rays in each; together it is least where rays go as sqrt(error * rays). */
-static double best_share(double error, uint64_t rays, double other_error, uint64_t other_rays)
+static double best_share(double error, uint64_t rays, double other_error, uint64_t other_rays, double most)
 {
     double share = sqrt(error * (double)rays / (other_error * (double)other_rays));
-    return share > 0.02 ? fmin(share, 2) : 0.02;       /* NaN too */
+    return share > 0.02 ? fmin(share, most) : 0.02;    /* NaN too */
 }
 
 /* After a round: the estimated relMSE, the shares of rays that direct light and bootstrap should have, and the two-stage weight. */
@@ -184,15 +193,17 @@ void run_learn(Render *r)
             }
             /* pixels in proportion to their relative error: w ~ 1/picture, floored so that none starves */
             if (r->has_chain) r->weight[pixel] = (float)(mean / (local + 0.05 * mean));
+            if (r->threshold && !r->chain_space.threshold) r->threshold[pixel] = (float)(local + 0.05 * mean);   /* survey scales it */
         }
         double values = 3 * (double)r->pixels;
-        bool known = !r->has_chain || r->stats.b == 0 || r->rounds > 1;
+        bool known = !r->has_chain || r->stats.b == 0 || r->steps_square < r->steps_sum * r->steps_sum;
         if (known) r->relative_error = sqrt((sampled + chain) / values);
         if (known && r->has_chain && r->stats.b > 0) {
-            if (r->has_direct) r->direct_share = best_share(sampled, r->passes.rays, chain, r->stats.chain_rays);
+            if (r->has_direct) r->direct_share = best_share(sampled, r->passes.rays, chain, r->stats.chain_rays, r->settings->seconds > 0 ? 50 : 4);
+            r->chain_error = chain / values;
             /* what the uncertain b alone contributes */
             double relative_b = r->b_variance_sum / (r->b_sum * r->b_sum), by_b = relative_b * chain_energy;
-            r->start_share = best_share(by_b, r->stats.start_rays, fmax(chain - by_b, 0.1 * chain), r->stats.chain_rays);
+            r->start_share = best_share(by_b, r->stats.start_rays, fmax(chain - by_b, 0.1 * chain), r->stats.chain_rays, 2);
         }
         if (r->has_chain) r->chain_space.weight = r->weight;
     } else if (!r->has_chain || r->stats.bootstrap_hits == 0) r->relative_error = 0;     /* black, and nothing says that it should not be */
@@ -230,7 +241,7 @@ static double chain_number(const Render *r)
 {
     const Settings *s = r->settings;
     double steps = r->round.planned, seeds = r->seeds_per_sample > 0 ? r->seeds_per_sample * (double)r->round.n_bootstrap : 128;
-    if (s->chains > 0) return fmax(1, s->per_pixel > 0 ? floor((double)s->chains * steps / (s->per_pixel * (double)r->pixels) + 0.5) : ceil((double)s->chains / (ROUNDS + 1)));
+    if (s->chains > 0) return fmax(1, s->per_pixel > 0 ? floor((double)s->chains * steps / (s->per_pixel * (double)r->pixels) + 0.5) : ceil((double)s->chains / ROUNDS));
     return floor(fmin(fmax(0.5 * seeds, 8), fmax(1, steps / 64)));
 }
 
@@ -244,7 +255,7 @@ static double effective_seeds(const Bootstrap *boot)
 /* For a round of so many steps: by the share of rays that was found best; at first, and at least where no clock presses, 100000 for the run. */
 static double bootstrap_samples(const Render *r, double steps)
 {
-    double least = r->start_share > 0 && r->settings->seconds > 0 ? 1000 : 100000.0 / (ROUNDS + 1), rays = (double)r->stats.chain_rays / fmax(1, r->steps_sum) * steps;
+    double least = r->start_share > 0 && r->settings->seconds > 0 ? 1000 : 100000.0 / ROUNDS, rays = (double)r->stats.chain_rays / fmax(1, r->steps_sum) * steps;
     if (r->start_share == 0) return least;
     return fmax(least, r->start_share * rays * (double)r->stats.bootstrap_samples / (double)r->stats.start_rays);
 }
@@ -253,7 +264,7 @@ static double bootstrap_samples(const Render *r, double steps)
 static bool plan_round(Render *r)
 {
     const Settings *s = r->settings;
-    double total = s->per_pixel * (double)r->pixels, left = (double)(ROUNDS + 1) - (double)r->rounds, share = r->rounds == 0 ? 0.02 : 1 / left;
+    double total = s->per_pixel * (double)r->pixels, left = (double)(PILOTS + ROUNDS) - (double)r->rounds, share = r->rounds < PILOTS ? 0.01 : 1 / left;
     Round *round = &r->round;
     *round = (Round){ .phase = CHAINS, .planned = total > 0 || s->seconds > 0 ? INFINITY : 16 * (double)r->pixels, .deadline = INFINITY, .chain_deadline = INFINITY };
     if (isinf(round->planned) && left <= 0) return false;
@@ -267,7 +278,7 @@ static bool plan_round(Render *r)
         round->planned = fmin(round->planned, floor(1.3 * r->rate * time) + 1);
         n = fmin(bootstrap_samples(r, round->planned), fmax(256, 0.67 * r->samples_rate * time));
     } else n = bootstrap_samples(r, round->planned);
-    if (s->bootstrap) n = ceil((double)s->bootstrap / (ROUNDS + 1));
+    if (s->bootstrap) n = ceil((double)s->bootstrap / ROUNDS);
     round->n_bootstrap = (uint64_t)fmin(n, 4e7);
     r->rounds++;
     return true;
@@ -345,6 +356,98 @@ void run_close_chains(Render *r)
     r->round.steps = r->round.b = r->round.b_variance = 0;
 }
 
+void run_cut(Render *r)
+{
+    r->direct_space.direct = DIRECT_INCLUDED;
+    r->direct_space.threshold = r->chain_space.threshold = r->threshold;
+    r->chain_space.hard = true;
+}
+
+/* By the value of the path tracer's estimate, in powers of two of the picture's own (CUTS: above all): share of the picture that paths of such
+ * value bring, and second moment of the path tracer's estimate that they bring, both relative to the picture and a mean over pixels. */
+typedef struct { const float *picture; double direct_moment, share[CUTS + 1], moment[CUTS + 1]; } Survey;
+
+static void survey_candidate(void *context, const Candidate *c)
+{
+    Survey *s = context;
+    double picture = (double)s->picture[c->pixel], share = luminance(c->rgb) / picture, value = c->traced / picture;
+    if (!isfinite(share * value)) return;
+    if (c->direct) { s->direct_moment += share * value; return; }
+    int bin = value <= 1 ? 0 : (int)smaller(ceil(log2(value)), CUTS);
+    s->share[bin] += share;
+    s->moment[bin] += share * value;
+}
+
+/* Where to cut path space. Error times rays of the path tracer follows from its second moment below the cut, of which bidirectional samples give
+ * a true picture even where the path tracer itself would find nothing for long. That of the chains was measured by the pilot, and goes
+ * with the square of the share of the picture that is left to them. Spent in the best proportion, both together have
+ * (sqrt(a) + sqrt(b))^2. Scales the thresholds; returns false if only direct light is to be taken from the chains. */
+static bool survey(Render *r)
+{
+    const Camera *camera = &r->scene->camera;
+    Survey s = { .picture = r->threshold };
+    Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED };
+    Rng rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) - 1);
+    uint64_t *rays = r->scene->rays, before = *rays;
+    double pixels = (double)r->pixels, left = 0, moment = 0;
+    for (int i = 0; i < SURVEY; i++)
+        bdpt_sample(r->bdpt, &all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, &rng, survey_candidate, &s);
+    before = *rays;
+    for (int i = 0; i < SURVEY; i++) {
+        const double light[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
+        path_trace(&all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, light, &rng);
+    }
+    double traced_rays = (double)(*rays - before) / SURVEY, direct_rays = (double)r->passes.rays / fmax(1, (double)r->passes.rows * camera->width);
+    double chain = r->chain_error * (double)r->stats.chain_rays / pixels, all_left = 0;
+    for (int i = 0; i <= CUTS; i++) all_left += s.share[i] / SURVEY;
+    moment = s.direct_moment / SURVEY;
+    left = all_left;
+    double best = pow(sqrt(moment * direct_rays) + sqrt(chain), 2), factor = 0;
+    for (int i = 0; i < CUTS && all_left > 0; i++) {
+        moment += s.moment[i] / SURVEY;
+        left -= s.share[i] / SURVEY;
+        double fraction = fmax(0, left / all_left), cost = pow(sqrt(moment * traced_rays) + sqrt(chain) * fraction, 2);
+        if (!(cost < 0.9 * best)) continue;
+        best = cost;
+        factor = ldexp(1, i);
+    }
+    for (size_t i = 0; i < r->pixels; i++) r->threshold[i] = (float)(factor * (double)r->threshold[i]);
+    return factor > 0;
+}
+
+/* Forgets the pilot but for what it has taught. */
+static void end_pilot(Render *r)
+{
+    size_t bytes = 3 * r->pixels * sizeof(double);
+    memset(r->sum, 0, bytes);
+    memset(r->square, 0, bytes);
+    memset(r->film, 0, bytes);
+    r->steps_sum = r->steps_square = r->b_sum = r->b_variance_sum = 0;
+    r->start_share = r->seeds_per_sample = 0;
+    r->relative_error = NAN;
+    r->stats.bootstrap_samples = r->stats.bootstrap_hits = 0;
+    r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };
+    r->stats.b = 0;
+    if (r->threshold && survey(r)) {
+        r->direct_share = 1;
+        run_cut(r);
+    }
+    r->stats.start_rays = r->stats.chain_rays = 0;
+    if (!r->has_direct) return;
+    memset(r->passes.sum, 0, bytes);
+    memset(r->passes.square, 0, bytes);
+    memset(r->passes.count, 0, r->scene->camera.height * sizeof *r->passes.count);
+    r->passes.rows = r->passes.rays = 0;
+}
+
+/* Rows that the path tracer has to have done by the end of this round, whatever its share of rays: two passes tell its variance, and where the
+ * chains carry nothing it works in their place, a sample for four mutations. */
+static double least_rows(const Render *r)
+{
+    double height = r->scene->camera.height, rounds = (double)r->rounds, least = height * (rounds <= PILOTS ? 1 : fmin(2 * (rounds - PILOTS), 4));
+    return r->stats.b > 0 || rounds <= PILOTS ? least : fmax(least, r->settings->per_pixel / 4 * height * (rounds - PILOTS) / ROUNDS);
+}
+
 /* An interruption leaves the round as it stands, to be gone on with. */
 static bool run_chains(Render *r)
 {
@@ -359,15 +462,16 @@ static bool run_chains(Render *r)
         }
         double start = clock_now();
         if (r->has_direct) {
-            uint64_t least = r->rounds <= 2 ? 2 * r->rounds * r->scene->camera.height : 0;     /* else its variance stays unknown */
-            double rays = r->direct_share * (double)r->stats.chain_rays;
-            while ((r->passes.rows < least || (double)r->passes.rays < rays) && going(r) && in_time(r, r->round.deadline)) sample_row(r);
+            double least = least_rows(r), rays = r->direct_share * (double)r->stats.chain_rays, deadline = r->rounds <= PILOTS ? s->start + s->seconds : r->round.deadline;
+            while (((double)r->passes.rows < least || (double)r->passes.rays < rays || (s->seconds > 0 && r->stats.b == 0 && r->rounds > PILOTS)) && going(r) && in_time(r, deadline))
+                sample_row(r);
         }
         r->stats.seconds_direct += clock_now() - start;
         if (!going(r)) break;
         run_learn(r);
+        if (r->rounds == PILOTS) end_pilot(r);
         r->round.phase = PLAN;
-        if (s->error > 0 && r->rounds > 4 && r->relative_error <= s->error) break;
+        if (s->error > 0 && r->rounds > PILOTS + 3 && r->relative_error <= s->error) break;
     }
     return true;
 }
@@ -404,7 +508,7 @@ RenderStats render_stats(const Render *r)
     const Round *round = &r->round;
     double steps = r->steps_sum + round->steps, b = r->b_sum + round->steps * round->b;
     double samples = (double)r->passes.rows * r->scene->camera.width, work = r->has_chain ? steps : samples;
-    s.mutations = (uint64_t)work;
+    s.mutations = r->has_chain ? s.chain.steps : (uint64_t)samples;
     s.rays = *r->scene->rays;
     s.b = steps > 0 ? b / steps : 0;
     s.b_stderr = steps > 0 ? sqrt(r->b_variance_sum + round->steps * round->steps * round->b_variance) / steps : 0;

@@ -35,6 +35,7 @@ struct Render {
     /* chains: this round's splats, and over finished rounds the sum of steps * picture and of steps * picture^2 */
     double *film, *sum, *square;   /* [pixels][3] */
     float *weight;                 /* two-stage w */
+    float *threshold;              /* where the easy part of path space ends: see Space; NULL if it is not cut */
     double steps_sum, steps_square;/* over finished rounds: of steps, and of steps^2 */
     double b_sum, b_variance_sum;  /* over rounds: of steps * b, and of steps^2 * variance of b */
     Round round;
@@ -43,6 +44,7 @@ struct Render {
     double direct_share;           /* rays of direct light per ray of the chains */
     double start_share;            /* rays of the bootstrap per ray of the chains; 0 while unknown */
     double seeds_per_sample;       /* worth a chain of their own, of the last bootstrap; 0 while unknown */
+    double chain_error;            /* the chains' part of the estimated relMSE */
     double relative_error;
     RenderStats stats;
     bool (*keep_going)(void *, const Render *);
@@ -54,4 +56,6 @@ struct Render {
 void run_close_chains(Render *render);
 /* Estimates the error of the picture, and from it the shares of work and the two-stage weight. */
 void run_learn(Render *render);
+/* Cuts path space at the thresholds: the easy part to the path tracer, the hard one to the chains. */
+void run_cut(Render *render);
 #endif

@@ -93,9 +93,12 @@ static void pass_state(Stream *s, Render *r)
     pass(s, r->scene->rays, sizeof *r->scene->rays);
     double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share, &r->seeds_per_sample, &r->relative_error };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
-    uint64_t weighted = r->chain_space.weight != NULL;
+    pass_array(s, r->threshold, r->pixels * sizeof *r->threshold);
+    uint64_t weighted = r->chain_space.weight != NULL, cut = r->chain_space.threshold != NULL;
     pass(s, &weighted, sizeof weighted);
+    pass(s, &cut, sizeof cut);
     if (weighted) r->chain_space.weight = r->weight;
+    if (cut && !s->write) run_cut(r);
     pass(s, &r->round, sizeof r->round);
     pass(s, &r->rounds, sizeof r->rounds);
     pass(s, &r->stats, sizeof r->stats);

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs each test given as an argument ("program arguments"), one process each, shows what it prints, and closes with the sum of their
+# Runs each test given as an argument ("program arguments"), one process each and two at a time, and closes with the sum of their
 # 'N passed, N failed' lines. A test that crashes, or whose exit code and counts disagree, counts as a failure. First of all the runner
 # shows that it can fail.
 passed=0
@@ -30,13 +30,29 @@ self '3 passed, 0 failed' 139 bad
 self 'Segmentation fault' 139 bad
 self '0 passed, 0 failed' 0 bad
 
+# two at a time: each lane takes every other test and leaves what it printed and its exit code
+folder=$(mktemp -d) || exit 1
+trap 'rm -rf "$folder"' EXIT
+lane() {
+    i=0
+    for test in "$@"; do
+        i=$((i + 1))
+        [ $((i % 2)) -eq "$lane" ] || continue
+        begin=$(date +%s)
+        sh -c "$test" >"$folder/$i.out" 2>&1
+        echo $? >"$folder/$i.code"
+        echo "== $test: $(tail -n 1 "$folder/$i.out"), $(($(date +%s) - begin)) s"
+    done
+}
+lane=0; lane "$@" &
+lane=1; lane "$@"
+wait
+
+i=0
 for test in "$@"; do
-    echo "== $test"
-    begin=$(date +%s)
-    output=$(sh -c "$test" 2>&1)
-    judge "$output" $?
-    printf '%s\n' "$output" | tail -n 40
-    echo "   $(($(date +%s) - begin)) s"
+    i=$((i + 1))
+    judge "$(cat "$folder/$i.out")" "$(cat "$folder/$i.code")"
+    [ "$f" -eq 0 ] || { echo "== failed: $test"; tail -n 40 "$folder/$i.out"; }
     passed=$((passed + p))
     failed=$((failed + f))
 done
