@@ -5,6 +5,8 @@
 #   make SAN=1       with address and undefined-behaviour sanitizers (in a build folder of its own; the program is ./mlt all the same)
 #   make demo        renders a shipped scene
 #   make test        proves it right: a few minutes
+#   make docs-figures  the pictures of README and doc/
+#   make bench       speed of ray queries, error at equal time
 #   make install     PREFIX=/usr/local, DESTDIR=
 
 CFLAGS ?= -O3
@@ -46,13 +48,35 @@ $(BUILD)/test_%: $(BUILD)/test_%.o $(OBJECTS)
 -include $(wildcard $(BUILD)/*.d)
 
 # Everything is proved here; the runner closes with 'N passed, N failed'. To run one: make build/main/test_bvh && build/main/test_bvh
-test: mlt $(TESTS:%=$(BUILD)/%) $(BUILD)/fuzz_obj $(BUILD)/fuzz_image
-	@sh test/run.sh $(TESTS:%=$(BUILD)/%) \
+test: mlt $(TESTS:%=$(BUILD)/%) $(BUILD)/metropolis1d $(BUILD)/fuzz_obj $(BUILD)/fuzz_image
+	@sh test/run.sh $(TESTS:%=$(BUILD)/%) $(BUILD)/metropolis1d \
 	    '$(BUILD)/fuzz_obj test/corpus/obj/* && echo 1 passed, 0 failed' '$(BUILD)/fuzz_image test/corpus/image/* && echo 1 passed, 0 failed' \
 	    'sh test/test_cli.sh ./mlt' 'sh test/test_explain.sh ./mlt' 'sh test/test_docs.sh ./mlt'
 
+# Ray queries (million rays a second), then error at equal time for each scene, strategies left out one at a time: half an hour. Reports only.
+bench: mlt $(BUILD)/bench_rays
+	$(BUILD)/bench_rays
+	sh test/bench_error.sh ./mlt
+
+$(BUILD)/bench_%: $(BUILD)/bench_%.o $(OBJECTS)
+	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
+
 $(BUILD)/fuzz_%: $(BUILD)/fuzz_%.o $(OBJECTS)
 	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
+
+$(BUILD)/metropolis1d: $(BUILD)/metropolis1d.o $(BUILD)/svgplot.o
+	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
+
+$(BUILD)/wrong: $(BUILD)/wrong.o $(OBJECTS)
+	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
+
+# The figures of doc/, drawn again.
+docs-figures: mlt $(BUILD)/wrong $(BUILD)/metropolis1d
+	$(CC) doc/figures.c -o $(BUILD)/figures && $(BUILD)/figures doc/figures
+	$(BUILD)/metropolis1d --svg doc/figures/metropolis1d.svg
+	$(BUILD)/wrong doc/figures
+	for s in '30 400x300 caustic' '30 320x240 pool' '20 320x240 door' '20 240x240 cornell' '20 360x240 glossy'; do \
+	    set -- $$s; ./mlt -q -t $$1 -s $$2 -o doc/figures/$$3.png scenes/$$3.obj; done
 
 # A picture in half a minute: look at the bright caustic under the glass ball.
 demo: mlt
@@ -67,4 +91,5 @@ clean:
 	rm -rf build mlt
 
 .SECONDARY:
-.PHONY: test demo install clean
+
+.PHONY: test demo bench docs-figures install clean

@@ -40,7 +40,7 @@ typedef struct {
 Sampler sampler_for(const Scene *scene, unsigned allowed);
 
 typedef struct {
-    uint64_t steps, bad, longest_rejection, rejection;   /* the last: the run of rejections that a chain is in; 0 it when a new one starts */
+    uint64_t steps, bad, longest_rejection, rejection;   /* the last: the run of rejections that a chain is in; set it to 0 when a new one starts */
     struct { uint64_t proposed, accepted, zero, outcome[OUTCOMES]; } row[MUTATIONS];
 } ChainCount;
 

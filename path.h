@@ -75,7 +75,7 @@ bool path_edge(Path *path, int i);
  * False if nothing passes. */
 bool path_scatter(const Space *space, Path *path, int i);
 
-/* Computes colour and chi; chi = 0 where the path is not in the space (too long, or of the excluded class). */
+/* Computes colour and chi; chi = 0 where the path is not in the space (too long, of the excluded class, or on the other side of the cut). */
 void path_finish(const Space *space, Path *path);
 
 /* All caches from the points and modes alone: what path_edge, path_scatter and path_finish hold. Visibility is not tested. */
@@ -110,9 +110,9 @@ static inline double path_inv_S_lens(const Path *p, int i) { return i < 0 ? p->l
 static inline double path_inv_S_light(const Path *p, int i) { return i <= p->k ? p->v[i].s.inv_S_light : 1; }
 
 /* Sum over the ways j of 1/Q_j: all routes by which the vertices between v[s] and v[t] can be regrown, some from v[s], the others from v[t],
- * joined at one edge. Q_j = f / density of way j, in which every G but the joined edge's cancels.   [lecture: T must take all routes into account]
+ * joined at one edge. chi Q_j = f / density of way j, in which every G but the joined edge's cancels.   [lecture: T must take all routes into account]
  *   1/Q_j = prod_{i=s}^{e-1} 1/S>_i * 1/C_e * prod_{i=e+2}^{t} 1/S<_i,   e = s + j the joined edge
- * -1 <= s < t <= k+1. With s = -1, t = k+1 it is sum of p / f over all bidirectional techniques. */
+ * -1 <= s < t <= k+1. With s = -1, t = k+1 it is chi times the sum of p / f over all bidirectional techniques. */
 static inline double path_routes(const Path *p, int s, int t)
 {
     double sum = path_inv_C(p, s), grown = 1;

@@ -5,7 +5,7 @@
  *   towards the light   from a raster position through S (modes copied), at each D that is not the last turned by a small angle, to x_m
  *   towards the lens    from x_m along a turned direction through S (modes copied) to y_{k-1}, joined to the lens
  * In R = f/T the density of each step is the same from x and from y but for what R keeps: at a copied specular vertex S holds F and not
- * F/F, since the mode was not drawn (q = 1); a turned direction has a density per solid angle that depends on the angle alone, so F |cos| stays;
+ * F/F, since the mode was not drawn (q = 1; F here is the mode's reflectance); a turned direction has a density per solid angle that depends on the angle alone, so F |cos| stays;
  * a step on the film is symmetric in raster coordinates, where S<_k = 1.
  */
 #include "mutate.h"
@@ -121,10 +121,11 @@ static bool chain_applies(const Space *space, const Path *x)
     return lens_suffix(x, &turned) >= 0 && turned > 0;
 }
 
+/* Not where S* is empty, though it would be right there too: the lens perturbation does that work better. */
 static bool caustic_applies(const Space *space, const Path *x)
 {
     (void)space;
-    return caustic_suffix(x) >= 0;
+    return caustic_suffix(x) >= 0 && !diffuse(x, x->k - 2);
 }
 
 static Outcome caustic_propose(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)

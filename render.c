@@ -8,7 +8,7 @@
  * together with direct light; the chains get the others. The path tracer's values are bounded then, and the chains need not visit what is
  * easy. Which path is which depends on the path and on thresholds that a pilot has set, whose own picture is thrown away.
  *
- Every round and every chain has its own random stream, so the state of a run is a few pictures and counters.
+ * Every round and every chain has its own random stream, so the state of a run is a few pictures and counters.
  */
 #include "run.h"
 #include <stdlib.h>
@@ -388,7 +388,7 @@ static bool survey(Render *r)
     Survey s = { .picture = r->threshold };
     Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED };
     Rng rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) - 1);
-    uint64_t *rays = r->scene->rays, before = *rays;
+    uint64_t *rays = r->scene->rays, before;
     double pixels = (double)r->pixels, left = 0, moment = 0;
     for (int i = 0; i < SURVEY; i++)
         bdpt_sample(r->bdpt, &all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, &rng, survey_candidate, &s);
@@ -398,7 +398,8 @@ static bool survey(Render *r)
         path_trace(&all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, light, &rng);
     }
     double traced_rays = (double)(*rays - before) / SURVEY, direct_rays = (double)r->passes.rays / fmax(1, (double)r->passes.rows * camera->width);
-    double chain = r->chain_error * (double)r->stats.chain_rays / pixels, all_left = 0;
+    /* A short pilot rather misses what is rare: its error is taken half as large again. */
+    double chain = 1.5 * r->chain_error * (double)r->stats.chain_rays / pixels, all_left = 0;
     for (int i = 0; i <= CUTS; i++) all_left += s.share[i] / SURVEY;
     moment = s.direct_moment / SURVEY;
     left = all_left;
@@ -407,7 +408,7 @@ static bool survey(Render *r)
         moment += s.moment[i] / SURVEY;
         left -= s.share[i] / SURVEY;
         double fraction = fmax(0, left / all_left), cost = pow(sqrt(moment * traced_rays) + sqrt(chain) * fraction, 2);
-        if (!(cost < 0.9 * best)) continue;
+        if (!(cost < 0.9 * best)) continue;        /* a cut has to promise something */
         best = cost;
         factor = ldexp(1, i);
     }
