@@ -144,6 +144,7 @@ doc=doc/figures.c
 mkdir "$tmp/figures"
 if ${CC:-cc} doc/figures.c -o "$tmp/draw" 2>"$tmp/cc" && "$tmp/draw" "$tmp/figures"; then
     for figure in doc/figures/*.svg; do
+        case $figure in */metropolis1d*) continue ;; esac     # drawn by test/metropolis1d.c
         if cmp -s "$figure" "$tmp/figures/$(basename "$figure")"; then good; else bad "does not draw $figure as it is"; fi
     done
 else bad "cannot be built or run: $(head -n 1 "$tmp/cc")"; fi

@@ -173,7 +173,7 @@ static double worst_tile(const Image *image, const Image *reference)
     return worst;
 }
 
-/* The largest |z| that balance.h finds; right ones stay below 5. It has starts of its own, so faults of the bootstrap do not show. */
+/* The largest |z| that balance.h finds; the tests draw the line at 6.6. It has starts of its own, so faults of the bootstrap do not show. */
 static void print_balance(const Space *space, const Picture *picture)
 {
     enum { MOST = 8 };
