@@ -17,7 +17,7 @@ typedef struct {
     const char *name, *argument;   /* argument NULL: a switch */
     const char *wanted;            /* 'must be ...' */
     const char *help;
-    int commands;                  /* ForCommand, those that take it; 0: rendering only */
+    int commands;                  /* ForCommand, those that take it */
 } Option;
 
 static const Option option_table[OPTIONS] = {
@@ -32,20 +32,20 @@ static const Option option_table[OPTIONS] = {
     [APERTURE]   = { 0, "aperture", "R", "a number, 0 or more", "lens radius [NAME.cam, else 0: a pinhole]", FOR_RENDER | FOR_EXPLAIN },
     [FOCUS]      = { 0, "focus", "D", "a number above 0", "distance of the plane in focus [NAME.cam, else that of what is looked at]", FOR_RENDER | FOR_EXPLAIN },
     [PER_PIXEL]  = { 'n', "mutations", "N", "a number above 0, 1e10 at most", "mutations per pixel; samples per pixel for path and bdpt\n[256, or no limit with -t or -e]", FOR_RENDER | FOR_EXPLAIN },
-    [TIME]       = { 't', "time", "SECONDS", "a number above 0, 1e9 at most", "stop after so long, loading included [no limit]" },
-    [ERROR]      = { 'e', "error", "E", "a number above 0", "stop when the estimated relative error of the image is E or less" },
+    [TIME]       = { 't', "time", "SECONDS", "a number above 0, 1e9 at most", "stop after so long, loading included [no limit]", FOR_RENDER },
+    [ERROR]      = { 'e', "error", "E", "a number above 0", "stop when the estimated relative error of the image is E or less", FOR_RENDER },
     [SEED]       = { 0, "seed", "N", "a whole number from 0 to 2^53", "same seed, scene, options and -n: same file, bit for bit [1]", FOR_RENDER | FOR_EXPLAIN },
-    [INTEGRATOR] = { 0, "integrator", "NAME", "mlt, bdpt or path", "mlt, or one of the independent references bdpt and path [mlt]" },
+    [INTEGRATOR] = { 0, "integrator", "NAME", "mlt, bdpt or path", "mlt, or one of the independent references bdpt and path [mlt]", FOR_RENDER },
     [STRATEGIES] = { 0, "strategies", "LIST", "a list of bidir, lens, caustic, chain, subpath with commas between",
                      "mutations to choose from: bidir,lens,caustic,chain,subpath\n[those that the scene can use]", FOR_RENDER | FOR_EXPLAIN },
     [DIRECT]     = { 0, "direct", "HOW", "apart, chain, only or none", "direct light: computed apart, left to the chain, alone, or left out\n[apart]", FOR_RENDER | FOR_EXPLAIN },
     [MAX_DEPTH]  = { 0, "max-depth", "K", "a whole number from 1 to 255", "longest path in edges: 1 lights seen directly, 2 direct light ... [64]", FOR_RENDER | FOR_EXPLAIN },
     [BOOTSTRAP]  = { 0, "bootstrap", "N", "a whole number from 1 to 5e8", "bidirectional samples for b and for the seeds of chains [100000]", FOR_RENDER | FOR_EXPLAIN },
-    [CHAINS]     = { 0, "chains", "N", "a whole number from 1 to 1e9", "chains, which share the mutations evenly [chosen by the program]" },
+    [CHAINS]     = { 0, "chains", "N", "a whole number from 1 to 1e9", "chains, which share the mutations evenly [chosen by the program]", FOR_RENDER },
     [EXPOSURE]   = { 0, "exposure", "EV", "a number from -100 to 100", "for .ppm and .png: each 1 doubles the brightness [0]", FOR_RENDER | FOR_MERGE },
-    [SAVE]       = { 0, "save", "FILE", "a file name", "write the run's state: every minute, at the end and on Ctrl-C" },
-    [RESUME]     = { 0, "resume", "FILE", "a file name", "go on from a saved state; FILE may be that of --save" },
-    [STATS]      = { 0, "stats", "FILE", "a file name", "counters as JSON; - is standard output" },
+    [SAVE]       = { 0, "save", "FILE", "a file name", "write the run's state: every minute, at the end and on Ctrl-C", FOR_RENDER },
+    [RESUME]     = { 0, "resume", "FILE", "a file name", "go on from a saved state; FILE may be that of --save", FOR_RENDER },
+    [STATS]      = { 0, "stats", "FILE", "a file name", "counters as JSON; - is standard output", FOR_RENDER },
     [STRATEGY]   = { 0, "strategy", "NAME", "one of bidir, lens, caustic, chain, subpath", "explain: a mutation of this strategy [any]", FOR_EXPLAIN },
     [ACCEPTED]   = { 0, "accepted", NULL, NULL, "explain: one that is accepted", FOR_EXPLAIN },
     [LENGTH]     = { 0, "length", "K", "a whole number from 1 to 255", "explain: from a path of K edges [any]", FOR_EXPLAIN },
@@ -54,7 +54,7 @@ static const Option option_table[OPTIONS] = {
     [QUIET]      = { 'q', "quiet", NULL, NULL, "no warnings, no progress", FOR_RENDER | FOR_EXPLAIN | FOR_MERGE },
     [VERBOSE]    = { 'v', "verbose", NULL, NULL, "a summary at the end", FOR_RENDER | FOR_EXPLAIN | FOR_MERGE },
     [HELP]       = { 'h', "help", NULL, NULL, "this text", FOR_RENDER | FOR_EXPLAIN | FOR_MERGE },
-    [VERSION]    = { 0, "version", NULL, NULL, "the program's version" },
+    [VERSION]    = { 0, "version", NULL, NULL, "the program's version", FOR_RENDER },
 };
 
 /* A number from low to high that is all of the text. */
@@ -176,8 +176,7 @@ static OptionCode find_option(char letter, const char *name, size_t n)
 
 static bool option_for(OptionCode code, ForCommand command)
 {
-    int commands = option_table[code].commands;
-    return (commands ? commands : FOR_RENDER) & (int)command;
+    return option_table[code].commands & (int)command;
 }
 
 typedef struct { int argc, next; char **argv; } Arguments;

@@ -66,7 +66,6 @@ FAULT_ROW(chain_drawn, CHAIN, lens_q)
 FAULT_ROW(caustic_no_cosine, CAUSTIC, caustic_cosine)
 FAULT_ROW(chain_no_cosine, CHAIN, chain_cosine)
 FAULT_ROW(bidir_no_choice, BIDIR, all_choices)
-FAULT_ROW(subpath_no_choice, SUBPATH, all_choices)
 
 /* ---- a factor left out of S, as if bsdf_scatter had forgotten it ---- */
 
