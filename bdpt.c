@@ -177,12 +177,13 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
     c->pixel = (uint32_t)y * space->scene->camera.width + (uint32_t)x;
     c->traced = luminance(colour) / traced;
     c->direct = is_direct(b, n_light, n_lens);
-    if (!space_holds(space, c->pixel, c->traced, c->direct)) return false;
+    double share = space_share(space, c->pixel, c->traced, c->direct);
+    if (!(share > 0)) return false;
     if (n_light > 0 && !scene_visible(space->scene, &b->light.v[n_light - 1].point, &lens->point)) return false;
     c->n_light = n_light;
     c->n_lens = n_lens;
     c->rgb = scale(1 / total, colour);
-    c->weight = luminance(c->rgb) * (space->weight ? (double)space->weight[c->pixel] : 1);
+    c->weight = share * luminance(c->rgb) * (space->weight ? (double)space->weight[c->pixel] : 1);
     return c->weight > 0;
 }
 
@@ -227,20 +228,38 @@ static Rgb sampled_light(const Space *space, const Point *at, Vec3 known, const 
     return scale(G / (s.inv_F * (pdf_a + scattering_pdf_a)), mul(m->ke, s.colour));
 }
 
-Rgb path_trace(const Space *space, double x, double y, const double light[3], Rng *rng)
+/* What a path tracer has found so far, and for whom. */
+typedef struct {
+    const Space *space;
+    uint32_t pixel;
+    double survived;               /* product of the chances of Russian roulette so far: path_traced_value leaves it out */
+    Rgb sum;
+    void (*visit)(void *context, const Candidate *);
+    void *context;
+} Found;
+
+static void find(Found *f, Rgb rgb, bool direct)
+{
+    double value = luminance(rgb) * f->survived;
+    f->sum = along(f->sum, space_share(f->space, f->pixel, value, direct), rgb);
+    if (f->visit) f->visit(f->context, &(Candidate){ .pixel = f->pixel, .rgb = rgb, .traced = value, .direct = direct });
+}
+
+Rgb path_trace(const Space *space, double x, double y, const double light[3], Rng *rng, void (*visit)(void *context, const Candidate *),
+               void *context)
 {
     const Scene *scene = space->scene;
-    Rgb sum = vec3(0, 0, 0), throughput = vec3(1, 1, 1);
-    if (scene->n_lights == 0) return sum;
+    Rgb throughput = vec3(1, 1, 1);
+    if (scene->n_lights == 0) return vec3(0, 0, 0);
     uint32_t width = scene->camera.width, column = (uint32_t)x, row = (uint32_t)y;   /* rounding may have put the position on the far edge */
     uint32_t pixel = (row < scene->camera.height ? row : row - 1) * width + (column < width ? column : width - 1);
+    Found found = { space, pixel, 1, { 0, 0, 0 }, visit, context };
     Point at, next;
     camera_sample_lens(&scene->camera, rng, &at);
     Vec3 w = camera_direction(&scene->camera, &at, x, y), known = w;
     Mode mode = MODE_NONE;
     int diffuse = 0;                           /* non-specular vertices so far */
     double pdf_pw = 0;                         /* of the last direction, if light sampling competes with it; else 0 */
-    double survived = 1;                       /* product of the chances of Russian roulette so far */
     for (int edges = 1; edges <= space->max_depth; edges++) {
         if (!scene_trace(scene, &at, w, &next)) break;
         w = normalize(sub(next.p, at.p));      /* of the points themselves: what scatters is a function of the path alone */
@@ -261,8 +280,7 @@ Rgb path_trace(const Space *space, double x, double y, const double light[3], Rn
                 double scattering_pdf_a = pdf_pw * cos_light * fabs(dot(w, at.surface.ng)) / dot(d, d);
                 share = scattering_pdf_a / (scattering_pdf_a + scene_light_pdf_a(scene, m));
             }
-            Rgb found = scale(share, mul(throughput, m->ke));
-            if (space_holds(space, pixel, luminance(found) * survived, direct)) sum = add(sum, found);
+            find(&found, scale(share, mul(throughput, m->ke)), direct);
         }
         if (edges == space->max_depth) break;
         at = next;
@@ -272,8 +290,7 @@ Rgb path_trace(const Space *space, double x, double y, const double light[3], Rn
             direct = diffuse == 0;
             if (space->direct == DIRECT_INCLUDED || direct == (space->direct == DIRECT_ONLY)) {
                 const double random[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
-                Rgb found = mul(throughput, sampled_light(space, &at, known, direct ? light : random));
-                if (space_holds(space, pixel, luminance(found) * survived, direct)) sum = add(sum, found);
+                find(&found, mul(throughput, sampled_light(space, &at, known, direct ? light : random)), direct);
             }
             diffuse++;
         }
@@ -281,7 +298,7 @@ Rgb path_trace(const Space *space, double x, double y, const double light[3], Rn
         double survive = edges < 3 ? 1 : fmin(1, max3(throughput));
         if (rng_double(rng) >= survive || !bsdf_sample(&at.surface, known, rng, &w, &mode)) break;
         throughput = scale(1 / survive, throughput);
-        survived *= survive;
+        found.survived *= survive;
     }
-    return sum;
+    return found.sum;
 }

@@ -10,7 +10,7 @@ typedef struct {
     int n_light, n_lens;
     uint32_t pixel;
     Rgb rgb;                   /* f / sum of the densities of all techniques (balance heuristic) */
-    double weight;             /* the same of the target f*: luminance times w(pixel) */
+    double weight;             /* the same of the target f*: luminance times w(pixel), times the share of f that the space holds */
     double traced;             /* path_traced_value of the path */
     bool direct;               /* path_is_direct */
 } Candidate;
@@ -27,6 +27,7 @@ void bdpt_sample(Bdpt *bdpt, const Space *space, double x, double y, Rng *rng, v
 bool bdpt_path(const Bdpt *bdpt, const Space *space, int n_light, int n_lens, Path *out);
 
 /* Unidirectional: radiance seen at a raster position, light sampling and scattering joined by multiple importance sampling.
- * The first light sample is taken at light[0..2] in [0,1), so that the caller can stratify it like (x, y). */
-Rgb path_trace(const Space *space, double x, double y, const double light[3], Rng *rng);
+ * The first light sample is taken at light[0..2] in [0,1), so that the caller can stratify it like (x, y).
+ * 'visit' may be NULL, or sees each path found: pixel, rgb (whole, whatever its share), traced, direct. */
+Rgb path_trace(const Space *space, double x, double y, const double light[3], Rng *rng, void (*visit)(void *context, const Candidate *), void *context);
 #endif

@@ -88,7 +88,7 @@ bool path_is_direct(const Path *p)
 
 double path_traced_value(const Path *p)
 {
-    double from_lens = path_inv_C(p, -1) * path_inv_S_light(p, 1) + path_inv_S_lens(p, -1) * path_inv_C(p, 0);
+    double from_lens = path_inv_C(p, -1) * path_inv_S_light(p, 1) + (p->k > 1 ? path_inv_S_lens(p, -1) * path_inv_C(p, 0) : 0);
     for (int i = 2; i <= p->k; i++) from_lens *= path_inv_S_light(p, i);
     return luminance(p->colour) / from_lens;
 }
@@ -98,9 +98,9 @@ void path_finish(const Space *space, Path *p)
     for (int i = 0; i < KEPT_W; i++) p->W[i] = -1;
     p->colour = p->v[0].s.colour;
     for (int i = 1; i < p->k; i++) p->colour = mul(p->colour, p->v[i].s.colour);
-    p->chi = luminance(p->colour) * (space->weight ? (double)space->weight[p->pixel] : 1);
-    if (p->k > space->max_depth || (space->direct != DIRECT_INCLUDED && path_is_direct(p) != (space->direct == DIRECT_ONLY))) p->chi = 0;
-    else if (space->threshold && !space_holds(space, p->pixel, path_traced_value(p), path_is_direct(p))) p->chi = 0;
+    bool direct = path_is_direct(p), in = p->k <= space->max_depth && (space->direct == DIRECT_INCLUDED || direct == (space->direct == DIRECT_ONLY));
+    p->share = !in ? 0 : space->threshold ? space_share(space, p->pixel, path_traced_value(p), direct) : 1;
+    p->chi = p->share * luminance(p->colour) * (space->weight ? (double)space->weight[p->pixel] : 1);
 }
 
 bool path_evaluate(const Space *space, Path *p)

@@ -6,7 +6,8 @@
  *   C_i = F_i G_i F_{i+1}  cost of joining x_i and x_{i+1}                                         [lecture: Precomputation]
  *   S>_i = F_i / p>_i      at a vertex from which the next one towards the lens was sampled, p per projected solid angle
  *   S<_i = F_i / p<_i      the same towards the light
- *   chi                    w(pixel) luminance(product of f_s^rgb / F_i): f* = chi * product of F and G is the sampler's target
+ *   chi                    share w(pixel) luminance(product of f_s^rgb / F_i): f* = chi * product of F and G is the sampler's target;
+ *                          share: how much of f is left to the sampler (Space), 1 where path space is not divided
  *
  * The code holds 1/C and 1/S: a way of sampling that does not exist is then simply 0. Ends: S>_{-1} = 1/p_A(x_0), C_{-1} = L_e (an eye
  * subpath that meets the light by itself), S<_k = S<_{k+1} = 1 (raster position uniform over the film; point uniform over the lens).
@@ -35,7 +36,7 @@ typedef struct {
     uint32_t pixel;                /* row-major index of that pixel */
     double light_pdf_a;            /* p_A(x_0), per area */
     Rgb colour;                    /* product of f_s^rgb / F, light and lens included */
-    double chi;
+    double share, chi;
     double W[KEPT_W];              /* W(1) .. of the bidirectional mutation's p_d2, kept for it; negative while unknown */
     Vertex v[MAX_EDGES + 1];
 } Path;
@@ -49,10 +50,11 @@ typedef struct {
     int max_depth;                 /* longest path in edges */
     DirectClass direct;
     const float *weight;           /* w per pixel, NULL for 1 */
-    /* Path space cut in two by what a path tracer makes of it: NULL, or per pixel the largest luminance that the path tracer's estimate from one
-     * path may have. Paths at or below it (path_traced_value), and all direct ones, are easy; the space holds those, or the others. */
+    /* The integrand divided between a path tracer and the chains: NULL, or per pixel the largest luminance that the path tracer's estimate from
+     * one path may have. Of an indirect path whose estimate would be larger (path_traced_value) it keeps so much that it is just that; the
+     * chains, whose space is 'rest', get what is left of f. */
     const float *threshold;
-    bool hard;
+    bool rest;
 } Space;
 
 /* Copies k, ends' caches and the k+1 vertices that the path has. */
@@ -75,7 +77,7 @@ bool path_edge(Path *path, int i);
  * False if nothing passes. */
 bool path_scatter(const Space *space, Path *path, int i);
 
-/* Computes colour and chi; chi = 0 where the path is not in the space (too long, of the excluded class, or on the other side of the cut). */
+/* Computes colour, share and chi; chi = 0 where the path is not in the space (too long, of the excluded class, or left to the path tracer). */
 void path_finish(const Space *space, Path *path);
 
 /* All caches from the points and modes alone: what path_edge, path_scatter and path_finish hold. Visibility is not tested. */
@@ -86,10 +88,13 @@ bool path_is_direct(const Path *path);
 /* Luminance of f/p, p the density with which a path tracer finds the path: growing it from the lens until it meets the light by itself, or
  * joining x_1 to a sampled light point (the balance heuristic over both; Russian roulette apart). */
 double path_traced_value(const Path *path);
-/* Whether a path of this value in this pixel is in the space, as far as the cut goes. */
-static inline bool space_holds(const Space *space, uint32_t pixel, double value, bool direct)
+/* How much of f the space holds of a path of this value in this pixel. */
+static inline double space_share(const Space *space, uint32_t pixel, double value, bool direct)
 {
-    return !space->threshold || (direct || value <= (double)space->threshold[pixel]) != space->hard;
+    if (!space->threshold) return 1;
+    double most = (double)space->threshold[pixel];
+    if (value > most && !direct) return space->rest ? 1 - most / value : most / value;
+    return space->rest ? 0 : 1;
 }
 
 /* v[i] scatters at a specular surface (never true at the ends). */

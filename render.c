@@ -4,9 +4,10 @@
  * result is their average, weighted by mutations. So b grows sharper as the run goes on, the spread between rounds tells the error (a
  * shared b would hide its own), and a round may use what earlier ones have learned: the two-stage weight w ~ 1/picture, and the shares of work.
  *
- * With direct light apart, path space is cut in two: paths that a path tracer finds with a value not far above the picture are left to it,
- * together with direct light; the chains get the others. The path tracer's values are bounded then, and the chains need not visit what is
- * easy. Which path is which depends on the path and on thresholds that a pilot has set, whose own picture is thrown away.
+ * With direct light apart, the integrand is divided. The path tracer has all direct light; of an indirect path that it finds with a value above
+ * tau times the picture it keeps so much that the value is just that, and all of the others; the chains get the rest. The path tracer's values are bounded
+ * then, and the chains need not visit what is easy. (To cap the values leaves the chains the least for a given second moment.) How much of a
+ * path is whose depends on the path and on thresholds that a pilot has set, whose own picture is thrown away.
  *
  * Every round and every chain has its own random stream, so the state of a run is a few pictures and counters.
  */
@@ -18,8 +19,9 @@
 enum {
     PILOTS = 4,                    /* short rounds that teach, a hundredth of the work each, and are thrown away */
     ROUNDS = 16,                   /* that make the picture */
-    CUTS = 7,                      /* cuts that are weighed: easy up to 1, 2, 4 .. 64 times the picture's own value */
+    CUTS = 14, FIRST_CUT = -3,     /* tau that are weighed: 2^-3 .. 2^10 times the picture's own value */
     SURVEY = 4000,                 /* samples for that */
+    PILOT_STEPS = 8,               /* mutations per pixel that a pilot round needs at most */
     SLICE = 16384,                 /* steps between two looks at the clock */
     STREAM_BITS = 40               /* of a random stream's number, below the round's */
 };
@@ -58,6 +60,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     r->direct_share = 0.2;
     r->rate = 1e6;
     r->samples_rate = 1e4;
+    r->samples_per_step = 0.2;
     r->relative_error = NAN;
     return r;
 }
@@ -108,7 +111,7 @@ static void sample_row(Render *r)
         double x = column + u[0], y = row + u[1];
         Splat s = { r, { 0, 0, 0 } };
         if (r->settings->integrator == INTEGRATOR_BDPT) bdpt_sample(r->bdpt, &r->direct_space, x, y, &rng, splat_candidate, &s);
-        else s.own = path_trace(&r->direct_space, x, y, u + 2, &rng);
+        else s.own = path_trace(&r->direct_space, x, y, u + 2, &rng, NULL, NULL);
         if (!finite3(s.own)) { r->stats.bad_samples++; continue; }
         const double v[3] = { s.own.x, s.own.y, s.own.z };
         for (size_t i = 0; i < 3; i++) { p->sum[3 * pixel + i] += v[i]; p->square[3 * pixel + i] += v[i] * v[i]; }
@@ -199,7 +202,7 @@ void run_learn(Render *r)
         bool known = !r->has_chain || r->stats.b == 0 || r->steps_square < r->steps_sum * r->steps_sum;
         if (known) r->relative_error = sqrt((sampled + chain) / values);
         if (known && r->has_chain && r->stats.b > 0) {
-            if (r->has_direct) r->direct_share = best_share(sampled, r->passes.rays, chain, r->stats.chain_rays, r->settings->seconds > 0 ? 50 : 4);
+            if (r->has_direct) r->direct_share = best_share(sampled, r->passes.rays, chain, r->stats.chain_rays + r->stats.start_rays, r->settings->seconds > 0 ? 50 : 4);
             r->chain_error = chain / values;
             /* what the uncertain b alone contributes */
             double relative_b = r->b_variance_sum / (r->b_sum * r->b_sum), by_b = relative_b * chain_energy;
@@ -228,7 +231,7 @@ void render_error_image(const Render *r, Image *image)
 static void splat_path(void *context, const Path *path, double weight)
 {
     Render *r = context;
-    double *film = r->film + 3 * (size_t)path->pixel, scale = weight / path->chi;
+    double *film = r->film + 3 * (size_t)path->pixel, scale = weight * path->share / path->chi;
     film[0] += scale * path->colour.x;
     film[1] += scale * path->colour.y;
     film[2] += scale * path->colour.z;
@@ -252,12 +255,10 @@ static double effective_seeds(const Bootstrap *boot)
     return boot->b > 0 ? boot->b * boot->b / mean_square : 0;
 }
 
-/* For a round of so many steps: by the share of rays that was found best; at first, and at least where no clock presses, 100000 for the run. */
+/* For a round of so many steps: by the share of rays that was found best, but at least 1000, or where no clock presses 100000 for the run. */
 static double bootstrap_samples(const Render *r, double steps)
 {
-    double least = r->start_share > 0 && r->settings->seconds > 0 ? 1000 : 100000.0 / ROUNDS, rays = (double)r->stats.chain_rays / fmax(1, r->steps_sum) * steps;
-    if (r->start_share == 0) return least;
-    return fmax(least, r->start_share * rays * (double)r->stats.bootstrap_samples / (double)r->stats.start_rays);
+    return fmax(r->settings->seconds > 0 ? 1000 : 100000.0 / ROUNDS, r->start_share * r->samples_per_step * steps);
 }
 
 /* How much the next round is to do, and until when; false if nothing is left. The first is a pilot. */
@@ -269,12 +270,14 @@ static bool plan_round(Render *r)
     *round = (Round){ .phase = CHAINS, .planned = total > 0 || s->seconds > 0 ? INFINITY : 16 * (double)r->pixels, .deadline = INFINITY, .chain_deadline = INFINITY };
     if (isinf(round->planned) && left <= 0) return false;
     if (total > 0) round->planned = floor((total - r->steps_sum) * share + 0.5);
+    if (r->rounds < PILOTS) round->planned = fmin(round->planned, PILOT_STEPS * (double)r->pixels);
     double n = 0;
     if (s->seconds > 0) {
         double now = clock_now(), time = (s->start + s->seconds - now) * share;
         if (!(time > 0)) return false;
-        round->deadline = round->chain_deadline = now + time;
-        if (r->has_direct) round->chain_deadline -= time * r->direct_share / (1 + r->direct_share);
+        round->deadline = now + time;
+        if (r->has_direct) time /= 1 + r->direct_share;
+        round->chain_deadline = now + time;
         round->planned = fmin(round->planned, floor(1.3 * r->rate * time) + 1);
         n = fmin(bootstrap_samples(r, round->planned), fmax(256, 0.67 * r->samples_rate * time));
     } else n = bootstrap_samples(r, round->planned);
@@ -333,6 +336,8 @@ static bool run_round(Render *r)
     double seconds = clock_now() - began;
     r->stats.seconds_chain += seconds;
     if (round->steps > steps_before) r->rate = (round->steps - steps_before) / fmax(1e-6, seconds);
+    if (r->stats.chain_rays > 0 && r->stats.chain.steps > 0)
+        r->samples_per_step = (double)r->stats.chain_rays / (double)r->stats.chain.steps * (double)r->stats.bootstrap_samples / (double)r->stats.start_rays;
     return true;
 }
 
@@ -356,64 +361,66 @@ void run_close_chains(Render *r)
     r->round.steps = r->round.b = r->round.b_variance = 0;
 }
 
-void run_cut(Render *r)
+void run_divide(Render *r)
 {
     r->direct_space.direct = DIRECT_INCLUDED;
     r->direct_space.threshold = r->chain_space.threshold = r->threshold;
-    r->chain_space.hard = true;
+    r->chain_space.rest = true;
 }
 
-/* By the value of the path tracer's estimate, in powers of two of the picture's own (CUTS: above all): share of the picture that paths of such
- * value bring, and second moment of the path tracer's estimate that they bring, both relative to the picture and a mean over pixels. */
-typedef struct { const float *picture; double direct_moment, share[CUTS + 1], moment[CUTS + 1]; } Survey;
+/* For each tau: the share of the picture that is left to the chains, and the second moment of the path tracer's capped estimate, both relative to
+ * the picture and summed over samples. 'one' collects the estimate of one sample of the path tracer. */
+typedef struct { const float *picture; double indirect, left[CUTS], moment[CUTS], one[CUTS]; } Survey;
 
 static void survey_candidate(void *context, const Candidate *c)
 {
     Survey *s = context;
     double picture = (double)s->picture[c->pixel], share = luminance(c->rgb) / picture, value = c->traced / picture;
-    if (!isfinite(share * value)) return;
-    if (c->direct) { s->direct_moment += share * value; return; }
-    int bin = value <= 1 ? 0 : (int)smaller(ceil(log2(value)), CUTS);
-    s->share[bin] += share;
-    s->moment[bin] += share * value;
+    if (!isfinite(share) || c->direct) return;
+    s->indirect += share;
+    for (int i = 0; i < CUTS; i++) s->left[i] += share * fmax(0, 1 - ldexp(1, FIRST_CUT + i) / value);
 }
 
-/* Where to cut path space. Error times rays of the path tracer follows from its second moment below the cut, of which bidirectional samples give
- * a true picture even where the path tracer itself would find nothing for long. That of the chains was measured by the pilot, and goes
- * with the square of the share of the picture that is left to them. Spent in the best proportion, both together have
- * (sqrt(a) + sqrt(b))^2. Scales the thresholds; returns false if only direct light is to be taken from the chains. */
-static bool survey(Render *r)
+static void survey_traced(void *context, const Candidate *c)
+{
+    Survey *s = context;
+    double picture = (double)s->picture[c->pixel], share = luminance(c->rgb) / picture, value = c->traced / picture;
+    if (!isfinite(share) || !(share > 0)) return;
+    for (int i = 0; i < CUTS; i++) s->one[i] += share * (c->direct ? 1 : fmin(1, ldexp(1, FIRST_CUT + i) / value));
+}
+
+/* Where to divide the integrand. Error times rays of the path tracer is its second moment, bounded by tau. That of the chains was measured by the
+ * pilot, and goes with the square of the share of the picture that is left to them; bidirectional samples tell that share even where the path
+ * tracer itself would find nothing for long. Spent in the best proportion, both together have (sqrt(a) + sqrt(b))^2. Scales the thresholds. */
+static void survey(Render *r)
 {
     const Camera *camera = &r->scene->camera;
     Survey s = { .picture = r->threshold };
     Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED };
     Rng rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) - 1);
     uint64_t *rays = r->scene->rays, before;
-    double pixels = (double)r->pixels, left = 0, moment = 0;
     for (int i = 0; i < SURVEY; i++)
         bdpt_sample(r->bdpt, &all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, &rng, survey_candidate, &s);
     before = *rays;
     for (int i = 0; i < SURVEY; i++) {
         const double light[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
-        path_trace(&all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, light, &rng);
+        memset(s.one, 0, sizeof s.one);
+        path_trace(&all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, light, &rng, survey_traced, &s);
+        for (int k = 0; k < CUTS; k++) s.moment[k] += s.one[k] * s.one[k];
     }
-    double traced_rays = (double)(*rays - before) / SURVEY, direct_rays = (double)r->passes.rays / fmax(1, (double)r->passes.rows * camera->width);
+    double traced_rays = (double)(*rays - before) / SURVEY, best = INFINITY, tau = 1;
     /* A short pilot rather misses what is rare: its error is taken half as large again. */
-    double chain = 1.5 * r->chain_error * (double)r->stats.chain_rays / pixels, all_left = 0;
-    for (int i = 0; i <= CUTS; i++) all_left += s.share[i] / SURVEY;
-    moment = s.direct_moment / SURVEY;
-    left = all_left;
-    double best = pow(sqrt(moment * direct_rays) + sqrt(chain), 2), factor = 0;
-    for (int i = 0; i < CUTS && all_left > 0; i++) {
-        moment += s.moment[i] / SURVEY;
-        left -= s.share[i] / SURVEY;
-        double fraction = fmax(0, left / all_left), cost = pow(sqrt(moment * traced_rays) + sqrt(chain) * fraction, 2);
-        if (!(cost < 0.9 * best)) continue;        /* a cut has to promise something */
-        best = cost;
-        factor = ldexp(1, i);
+    double chain = sqrt(1.5 * r->chain_error * (double)(r->stats.chain_rays + r->stats.start_rays) / (double)r->pixels);
+    for (int i = 0; i < CUTS; i++) {
+        double cost = sqrt(s.moment[i] / SURVEY * traced_rays) + (s.left[i] > 0 ? chain * s.left[i] / s.indirect : 0);
+        if (cost < 0.98 * best) {              /* a higher cap has to promise something: so few samples know little of rare values */
+            best = cost;
+            tau = ldexp(1, FIRST_CUT + i);
+            r->direct_share = sqrt(s.moment[i] / SURVEY * traced_rays) * s.indirect / (chain * s.left[i]);
+        }
     }
-    for (size_t i = 0; i < r->pixels; i++) r->threshold[i] = (float)(factor * (double)r->threshold[i]);
-    return factor > 0;
+    for (size_t i = 0; i < r->pixels; i++) r->threshold[i] = (float)(tau * (double)r->threshold[i]);
+    if (!(r->direct_share < 50)) r->direct_share = 50;
 }
 
 /* Forgets the pilot but for what it has taught. */
@@ -424,14 +431,14 @@ static void end_pilot(Render *r)
     memset(r->square, 0, bytes);
     memset(r->film, 0, bytes);
     r->steps_sum = r->steps_square = r->b_sum = r->b_variance_sum = 0;
-    r->start_share = r->seeds_per_sample = 0;
+    r->seeds_per_sample = 0;
     r->relative_error = NAN;
     r->stats.bootstrap_samples = r->stats.bootstrap_hits = 0;
     r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };
     r->stats.b = 0;
-    if (r->threshold && survey(r)) {
-        r->direct_share = 1;
-        run_cut(r);
+    if (r->threshold) {
+        survey(r);
+        run_divide(r);
     }
     r->stats.start_rays = r->stats.chain_rays = 0;
     if (!r->has_direct) return;
@@ -463,8 +470,9 @@ static bool run_chains(Render *r)
         }
         double start = clock_now();
         if (r->has_direct) {
-            double least = least_rows(r), rays = r->direct_share * (double)r->stats.chain_rays, deadline = r->rounds <= PILOTS ? s->start + s->seconds : r->round.deadline;
-            while (((double)r->passes.rows < least || (double)r->passes.rays < rays || (s->seconds > 0 && r->stats.b == 0 && r->rounds > PILOTS)) && going(r) && in_time(r, deadline))
+            bool timed = s->seconds > 0 && r->rounds > PILOTS;      /* then the chains have kept to their part of the time */
+            double least = least_rows(r), rays = r->direct_share * (double)r->stats.chain_rays, deadline = timed ? r->round.deadline : s->start + s->seconds;
+            while ((timed || (double)r->passes.rows < least || (double)r->passes.rays < rays) && going(r) && in_time(r, deadline))
                 sample_row(r);
         }
         r->stats.seconds_direct += clock_now() - start;

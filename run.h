@@ -35,14 +35,15 @@ struct Render {
     /* chains: this round's splats, and over finished rounds the sum of steps * picture and of steps * picture^2 */
     double *film, *sum, *square;   /* [pixels][3] */
     float *weight;                 /* two-stage w */
-    float *threshold;              /* where the easy part of path space ends: see Space; NULL if it is not cut */
+    float *threshold;              /* that divide the integrand: see Space; NULL if it is not divided */
     double steps_sum, steps_square;/* over finished rounds: of steps, and of steps^2 */
     double b_sum, b_variance_sum;  /* over rounds: of steps * b, and of steps^2 * variance of b */
     Round round;
     uint64_t rounds;               /* begun so far */
     double rate, samples_rate;     /* steps and bootstrap samples per second; guesses before the pilot */
     double direct_share;           /* rays of direct light per ray of the chains */
-    double start_share;            /* rays of the bootstrap per ray of the chains; 0 while unknown */
+    double start_share;            /* rays of the bootstrap per ray of the chains */
+    double samples_per_step;       /* bootstrap samples that cost the rays of one step */
     double seeds_per_sample;       /* worth a chain of their own, of the last bootstrap; 0 while unknown */
     double chain_error;            /* the chains' part of the estimated relMSE */
     double relative_error;
@@ -56,6 +57,6 @@ struct Render {
 void run_close_chains(Render *render);
 /* Estimates the error of the picture, and from it the shares of work and the two-stage weight. */
 void run_learn(Render *render);
-/* Cuts path space at the thresholds: the easy part to the path tracer, the hard one to the chains. */
-void run_cut(Render *render);
+/* Divides the integrand at the thresholds: capped values to the path tracer, the rest to the chains. */
+void run_divide(Render *render);
 #endif

@@ -91,14 +91,14 @@ static void pass_state(Stream *s, Render *r)
     pass(s, &r->passes.rows, sizeof r->passes.rows);
     pass(s, &r->passes.rays, sizeof r->passes.rays);
     pass(s, r->scene->rays, sizeof *r->scene->rays);
-    double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share, &r->seeds_per_sample, &r->relative_error };
+    double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share, &r->samples_per_step, &r->seeds_per_sample, &r->relative_error };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
     pass_array(s, r->threshold, r->pixels * sizeof *r->threshold);
-    uint64_t weighted = r->chain_space.weight != NULL, cut = r->chain_space.threshold != NULL;
+    uint64_t weighted = r->chain_space.weight != NULL, divided = r->chain_space.threshold != NULL;
     pass(s, &weighted, sizeof weighted);
-    pass(s, &cut, sizeof cut);
+    pass(s, &divided, sizeof divided);
     if (weighted) r->chain_space.weight = r->weight;
-    if (cut && !s->write) run_cut(r);
+    if (divided && !s->write) run_divide(r);
     pass(s, &r->round, sizeof r->round);
     pass(s, &r->rounds, sizeof r->rounds);
     pass(s, &r->stats, sizeof r->stats);

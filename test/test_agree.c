@@ -202,9 +202,17 @@ static void test_scenes(void)
 /* A Metropolis run by hand, for rows that are not those of mutation_table. */
 static void splat(void *context, const Path *x, double weight)
 {
+    add_pixel(context, (uint32_t)x->raster_x, (uint32_t)x->raster_y, x->colour, weight * x->share / x->chi);
+}
+
+/* Fault: as if the whole of f were left to the chains. */
+static void splat_whole(void *context, const Path *x, double weight)
+{
     add_pixel(context, (uint32_t)x->raster_x, (uint32_t)x->raster_y, x->colour, weight / x->chi);
 }
-static Group chain_group(const Space *space, const Sampler *sampler, uint64_t bootstrap, uint64_t chains, uint64_t steps)
+
+static Group chain_group(const Space *space, const Sampler *sampler, uint64_t bootstrap, uint64_t chains, uint64_t steps,
+                         void (*record)(void *, const Path *, double))
 {
     Group g = { .runs = RUNS };
     Bdpt *bdpt = bdpt_new();
@@ -216,7 +224,7 @@ static Group chain_group(const Space *space, const Sampler *sampler, uint64_t bo
         Rng rng = rng_new(seed, (uint64_t)(i + 1) << 33);
         double offset = rng_double(&rng);
         for (uint64_t c = 0; c < chains; c++)
-            if (bootstrap_seed(&boot, space, bdpt, even(offset, c, 0), x)) chain_run(space, sampler, x, y, steps, &rng, splat, g.value[i], &count);
+            if (bootstrap_seed(&boot, space, bdpt, even(offset, c, 0), x)) chain_run(space, sampler, x, y, steps, &rng, record, g.value[i], &count);
         for (int v = 0; v < VALUES; v++) g.value[i][v] *= boot.b / (double)(chains * steps);
         bootstrap_free(&boot);
     }
@@ -240,10 +248,10 @@ static void test_precisely(void)
     agree("path, mlt", &path, &mlt, BY_TILES);
     agree("bdpt, mlt", &bdpt, &mlt, BY_TILES);
 
-    Space space = { &scene, depth, DIRECT_INCLUDED, NULL };
+    Space space = { .scene = &scene, .max_depth = depth, .direct = DIRECT_INCLUDED };
     Sampler sampler = sampler_for(&scene, 1u << BIDIR);
     uint64_t n = (uint64_t)(20000 * factor), chains = (uint64_t)(1000 * factor);
-    Group by_hand = chain_group(&space, &sampler, n, chains, 30);
+    Group by_hand = chain_group(&space, &sampler, n, chains, 30, splat);
     agree("path, bidir by hand", &path, &by_hand, BY_TILES);
     Group b = { .runs = RUNS };                    /* b of independent bootstraps, beside the path tracer's mean luminance */
     for (int i = 0; i < RUNS; i++) {
@@ -260,8 +268,46 @@ static void test_precisely(void)
     memcpy(table, mutation_table, sizeof table);
     table[BIDIR].propose = bidir_one_way;
     sampler.table = table;
-    Group one_way = chain_group(&space, &sampler, n, chains, 30);
+    Group one_way = chain_group(&space, &sampler, n, chains, 30, splat);
     disagree("path, bidir with T of the way taken alone", &path, &one_way, BY_TILES);
+    scene_free(&scene);
+}
+
+/* Runs of the path tracer by hand, in a space that a Render does not make. */
+static Group traced_group(const Space *space, int per_pixel)
+{
+    Group g = { .runs = RUNS };
+    for (int i = 0; i < RUNS; i++) {
+        Rng rng = rng_new(seed, ((uint64_t)i + 1) << 34);
+        for (int n = 0; n < per_pixel * FILM * FILM; n++) {
+            uint32_t x = (uint32_t)n % FILM, y = (uint32_t)n / FILM % FILM;
+            const double light[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
+            add_pixel(g.value[i], x, y, path_trace(space, x + rng_double(&rng), y + rng_double(&rng), light, &rng, NULL, NULL), 1.0 / (per_pixel * FILM * FILM));
+        }
+    }
+    return g;
+}
+
+/* The integrand divided at thresholds that have nothing to do with the picture: both parts make up the whole. */
+static void test_divided(void)
+{
+    static float threshold[FILM * FILM];
+    for (int i = 0; i < FILM * FILM; i++) threshold[i] = 0.02f * (float)(1 + i % 7);
+    Scene scene;
+    int depth = 6, n = (int)(100 * factor);
+    if (!load(&scene, "scenes/cornell.obj")) return;
+    printf("scenes/cornell.obj divided\n");
+    Space whole = { .scene = &scene, .max_depth = depth, .direct = DIRECT_INCLUDED }, capped = whole, rest = whole;
+    capped.threshold = rest.threshold = threshold;
+    rest.rest = true;
+    rest.direct = DIRECT_EXCLUDED;
+    Sampler sampler = sampler_for(&scene, ~0u);
+    uint64_t bootstrap = (uint64_t)(20000 * factor), chains = (uint64_t)(1000 * factor);
+    Group path = traced_group(&whole, n), part = traced_group(&capped, n), chain = chain_group(&rest, &sampler, bootstrap, chains, 60, splat);
+    Group faulty = chain_group(&rest, &sampler, bootstrap, chains, 60, splat_whole), both = sum(&part, &chain), wrong = sum(&part, &faulty);
+    agree("path, capped + rest", &path, &both, BY_TILES);
+    disagree("the chains record all of f", &path, &wrong, BY_TILES);
+    disagree("the rest left out", &path, &part, BY_TILES);
     scene_free(&scene);
 }
 
@@ -308,6 +354,7 @@ int main(int argc, char **argv)
     if (argc > 2) seed = (uint64_t)atoi(argv[2]);
     test_scenes();
     test_precisely();
+    test_divided();
     test_furnace();
     printf("%d comparisons\n", comparisons);
     CHECK(comparisons < COMPARISONS);
