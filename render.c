@@ -470,7 +470,7 @@ static bool run_chains(Render *r)
         }
         double start = clock_now();
         if (r->has_direct) {
-            bool timed = s->seconds > 0 && r->rounds > PILOTS;      /* then the chains have kept to their part of the time */
+            bool timed = s->seconds > 0 && s->per_pixel == 0 && r->rounds > PILOTS;   /* then the chains have kept to their part of the time */
             double least = least_rows(r), rays = r->direct_share * (double)r->stats.chain_rays, deadline = timed ? r->round.deadline : s->start + s->seconds;
             while ((timed || (double)r->passes.rows < least || (double)r->passes.rays < rays) && going(r) && in_time(r, deadline))
                 sample_row(r);
