@@ -263,17 +263,28 @@ size_t scene_bytes(const Scene *s)
          + 16 * (size_t)s->n_lights + bvh_bytes(s->bvh);
 }
 
-/* Bilinear, repeated, v upwards; texel centres at half integers. */
-static Rgb texture_at(const Image *image, double u, double v)
+/* The texel i of n; i is at most one off. */
+static uint32_t texel(double i, uint32_t n, bool clamp)
 {
-    double x = (u - floor(u)) * image->width - 0.5, y = (1 - (v - floor(v))) * image->height - 0.5;
+    if (i < 0) return clamp ? 0 : n - 1;
+    return i < n ? (uint32_t)i : clamp ? n - 1 : 0;
+}
+
+/* Bilinear, v upwards; texel centres at half integers. Repeated, as MTL has it unless told otherwise: at the border the texels of opposite sides
+ * are neighbours and mix, which '-clamp on' is there to prevent. */
+static Rgb texture_at(const Material *m, double u, double v)
+{
+    const Image *image = m->map_kd;
+    const MapPlace *place = &m->map_place;
+    double at[2] = { u * place->scale[0] + place->offset[0], v * place->scale[1] + place->offset[1] };
+    for (int k = 0; k < 2; k++) at[k] = place->clamp ? fmin(fmax(at[k], 0), 1) : at[k] - floor(at[k]);
+    double x = at[0] * image->width - 0.5, y = (1 - at[1]) * image->height - 0.5;
     double x0 = floor(x), y0 = floor(y), fx = x - x0, fy = y - y0;
-    uint32_t w = image->width, h = image->height;
-    uint32_t column[2] = { (uint32_t)(x0 + w) % w, (uint32_t)(x0 + 1 + w) % w }, row[2] = { (uint32_t)(y0 + h) % h, (uint32_t)(y0 + 1 + h) % h };
     Rgb sum = vec3(0, 0, 0);
     for (int i = 0; i < 4; i++) {
         double weight = (i & 1 ? fx : 1 - fx) * (i & 2 ? fy : 1 - fy);
-        sum = along(sum, weight, from_float(image->rgb + 3 * ((size_t)row[i >> 1] * w + column[i & 1])));
+        uint32_t column = texel(x0 + (i & 1), image->width, place->clamp), row = texel(y0 + (i >> 1), image->height, place->clamp);
+        sum = along(sum, weight, from_float(image->rgb + 3 * ((size_t)row * image->width + column)));
     }
     return sum;
 }
@@ -300,7 +311,7 @@ static void set_point(const Scene *s, uint32_t triangle, const Vec3 c[3], double
         const uint32_t *t = m->triangle_uv[triangle];
         double tu = w * (double)m->uv[t[0]][0] + u * (double)m->uv[t[1]][0] + v * (double)m->uv[t[2]][0];
         double tv = w * (double)m->uv[t[0]][1] + u * (double)m->uv[t[1]][1] + v * (double)m->uv[t[2]][1];
-        surface->kd = texture_at(surface->material->map_kd, tu, tv);
+        surface->kd = texture_at(surface->material, tu, tv);
     }
 }
 

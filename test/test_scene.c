@@ -1,4 +1,4 @@
-/* Scenes in which things lie in one place: what rays find is what was sampled, whatever side they come from. */
+/* Scenes in which things lie in one place: what rays find is what was sampled, whatever side they come from. And where a texture lies. */
 #include "check.h"
 #include "scene.h"
 #include <stdlib.h>
@@ -124,13 +124,47 @@ static void test_eye(void)
     scene_free(&s);
 }
 
+/* ---- textures ---- */
+
+/* The reflectance that the quad of uv 0..1 shows at (u, v). */
+static double shown(const Scene *s, double u, double v)
+{
+    Point from = { scale(1 / s->mesh.unit, sub(vec3(u, v, 1), s->mesh.centre)), BVH_NONE, { NULL, { 0, 0, 0 }, { 0, 0, 1 }, { 0, 0, 1 } } }, hit;
+    return scene_trace(s, &from, vec3(0, 0, -1), &hit) ? hit.surface.kd.x : NAN;
+}
+
+static void test_textures(void)
+{
+    static const struct { const char *options; double u, v, value; } list[] = {
+        /* four texels in a row, 0 1 0 0 (linear), two rows; centres at 1/8, 3/8 .. */
+        { "", 0.375, 0.75, 1 }, { "", 0.25, 0.75, 0.5 }, { "", 0.125, 0.75, 0 }, { "", 0.999, 0.75, 0 },
+        /* the lower row is 1 0 0 0: at the border the last and the first mix, or do not */
+        { "", 0.001, 0.25, 0.504 }, { "", 0.999, 0.25, 0.496 }, { "-clamp on", 0.001, 0.25, 1 }, { "-clamp on", 0.999, 0.25, 0 }, { "-clamp off", 0.999, 0.25, 0.496 },
+        { "", 0.375, 0.999, 0.502 }, { "-clamp on", 0.375, 0.999, 1 },
+        { "-s 2", 0.1875, 0.75, 1 }, { "-s 2", 0.6875, 0.75, 1 }, { "-s 1 2", 0.375, 0.375, 1 }, { "-s -1 1", 0.625, 0.75, 1 },
+        { "-o 0.25", 0.125, 0.75, 1 }, { "-o 0 0.5 9", 0.375, 0.25, 1 }, { "-o -0.25", 0.625, 0.75, 1 }, { "-s 2 1 1 -o 0.5 0", 0.4375, 0.75, 1 },
+        { "-clamp on -o -1 0", 0.6, 0.25, 1 }, { "-clamp on -s 3 1", 0.9, 0.25, 0 },
+    };
+    write_text("t.ppm", "P3 4 2 255  0 0 0 255 255 255 0 0 0 0 0 0  255 255 255 0 0 0 0 0 0 0 0 0\n");
+    for (size_t i = 0; i < sizeof list / sizeof list[0]; i++) {
+        char text[200];
+        Scene s;
+        snprintf(text, sizeof text, "newmtl paper\nmap_Kd %s t.ppm\n", list[i].options);
+        write_text("a.mtl", text);
+        if (!load(&s, "mtllib a.mtl\nusemtl paper\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n", vec3(0, 0, 3), vec3(0, 0, 0))) return;
+        if (!CHECK_NEAR(shown(&s, list[i].u, list[i].v), list[i].value, 1e-5)) printf("    %s at %g %g\n", list[i].options, list[i].u, list[i].v);
+        scene_free(&s);
+    }
+}
+
 int main(void)
 {
-    const char *temporary = getenv("TMPDIR"), *const files[] = { "a.obj", "a.mtl" };
+    const char *temporary = getenv("TMPDIR"), *const files[] = { "a.obj", "a.mtl", "t.ppm" };
     snprintf(folder, sizeof folder, "%s/test_scene-XXXXXX", temporary && strlen(temporary) < 200 ? temporary : "/tmp");
     if (!mkdtemp(folder)) { perror(folder); return 1; }
     test_lamps();
     test_eye();
+    test_textures();
     for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
         char path[400];
         snprintf(path, sizeof path, "%s/%s", folder, files[i]);
