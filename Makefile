@@ -5,6 +5,7 @@
 #   make SAN=1       with address and undefined-behaviour sanitizers (in a build folder of its own; the program is ./mlt all the same)
 #   make demo        renders a shipped scene
 #   make test        proves it right: a few minutes
+#   make stress      scenes that break renderers, three estimators in agreement: some minutes
 #   make docs-figures  the pictures of README and doc/
 #   make bench       speed of ray queries, error at equal time
 #   make install     PREFIX=/usr/local, DESTDIR=
@@ -53,6 +54,14 @@ test: mlt $(TESTS:%=$(BUILD)/%) $(BUILD)/metropolis1d $(BUILD)/fuzz_obj $(BUILD)
 	    '$(BUILD)/fuzz_obj test/corpus/obj/* && echo 1 passed, 0 failed' '$(BUILD)/fuzz_image test/corpus/image/* && echo 1 passed, 0 failed' \
 	    'sh test/test_cli.sh ./mlt' 'sh test/test_explain.sh ./mlt' 'sh test/test_docs.sh ./mlt'
 
+# Some fifty scenes that break renderers (degenerate meshes, extreme sizes, materials and cameras): path, bdpt and mlt agree, and nothing is
+# NaN. After a change to anything that traces, scatters or samples.
+stress: $(BUILD)/stress
+	$(BUILD)/stress
+
+$(BUILD)/stress: $(BUILD)/stress.o $(OBJECTS)
+	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
+
 # Ray queries (million rays a second), then error at equal time for each scene, strategies left out one at a time: half an hour. Reports only.
 bench: mlt $(BUILD)/bench_rays
 	$(BUILD)/bench_rays
@@ -92,4 +101,4 @@ clean:
 
 .SECONDARY:
 
-.PHONY: test demo bench docs-figures install clean
+.PHONY: test stress demo bench docs-figures install clean

@@ -11,6 +11,12 @@
 
 typedef enum { MATERIAL_DIFFUSE, MATERIAL_MIRROR, MATERIAL_GLASS } MaterialKind;
 
+/* Where a texture lies: it is looked up at scale * uv + offset. */
+typedef struct {
+    double scale[2], offset[2];
+    bool clamp;                /* beyond its border goes on as the border is; else it is repeated */
+} MapPlace;
+
 typedef struct {
     char *name;                /* owned */
     MaterialKind kind;
@@ -21,6 +27,7 @@ typedef struct {
     double ns;                 /* Phong exponent, >= 0 */
     double ni;                 /* refractive index behind the front side over the one before it, > 0 */
     Image *map_kd;             /* replaces kd; NULL if absent; owned by the mesh */
+    MapPlace map_place;
 } Material;
 
 /* How light passes a specular vertex; MODE_NONE for every other. */

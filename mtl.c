@@ -4,7 +4,7 @@
  *   - keywords count in any case; the first definition of a name counts;
  *   - Kd 0.6 where none is given, Ns 0, Ni 1.5, Tf 1; Ks 0, but 1 for a mirror;
  *   - a number that is missing in 'Kd r' repeats the last one; one that is no number is 0, with a warning; nothing in an MTL file is an error;
- *   - a texture that can be read replaces Kd;
+ *   - a texture that can be read replaces Kd; it is looked up at s * uv + o, as exporters write -s and -o;
  *   - Kd + Ks above 1 in a channel, or the texture's largest value + Ks, is scaled to 1 in that channel.
  * Must not know the mesh. */
 #include "mtl.h"
@@ -92,8 +92,18 @@ static bool is_number(char *p, char *end)
     return number_scan(p, &value) == end;
 }
 
-/* Skips the options before a texture's name. They are accepted and without effect. */
-static char *skip_options(Mtl *m, char *p)
+/* -s and -o for u and v; a third number, for solid textures, is of no use here. What is not given stays. */
+static void read_place(Mtl *m, const char *option, char *const token[3], int n, double place[2])
+{
+    for (int k = 0; k < n && k < 2; k++) {
+        double v;
+        if (is_number(token[k], skip_token(token[k])) && number_scan(token[k], &v)) place[k] = clamp(m, v, -1e30, 1e30);
+        else warn_token(m, "texture option that cannot be read:", option, strlen(option));
+    }
+}
+
+/* Reads the options before a texture's name and returns where they end. */
+static char *read_options(Mtl *m, char *p, MapPlace *place)
 {
     static const struct { const char *name; int least, most; } options[] = {
         { "-blendu", 1, 1 }, { "-blendv", 1, 1 }, { "-boost", 1, 1 }, { "-bm", 1, 1 }, { "-cc", 1, 1 }, { "-clamp", 1, 1 },
@@ -101,21 +111,26 @@ static char *skip_options(Mtl *m, char *p)
         { "-texres", 1, 1 }, { "-type", 1, 1 }
     };
     while (*p == '-') {
-        char *end = skip_token(p);
-        int least = 0, most = 0;
+        char *word = p, *end = skip_token(p), *token[3];
+        size_t length = (size_t)(end - p);
+        int least = 0, most = 0, n = 0;
         for (size_t i = 0; i < sizeof options / sizeof options[0]; i++)
-            if (is_word(p, (size_t)(end - p), options[i].name)) {
+            if (is_word(p, length, options[i].name)) {
                 least = options[i].least;
                 most = options[i].most;
             }
-        warn_token(m, most ? "texture option without effect:" : "unknown texture option", p, (size_t)(end - p));
         p = skip_blanks(end);
-        for (int k = 0; k < most && !is_line_end(*p); k++) {
+        while (n < most && !is_line_end(*p)) {
             end = skip_token(p);
-            if (k >= least && !is_number(p, end)) break;
+            if (n >= least && !is_number(p, end)) break;
             if (end == p) break;
+            token[n++] = p;
             p = skip_blanks(end);
         }
+        if (is_word(word, length, "-s")) read_place(m, "-s", token, n, place->scale);
+        else if (is_word(word, length, "-o")) read_place(m, "-o", token, n, place->offset);
+        else if (is_word(word, length, "-clamp")) place->clamp = n > 0 && is_word(token[0], (size_t)(skip_token(token[0]) - token[0]), "on");
+        else warn_token(m, most ? "texture option without effect:" : "unknown texture option", word, length);
     }
     return p;
 }
@@ -134,7 +149,9 @@ static char *base_name(char *p, size_t *n)
 static bool read_map(Mtl *m, char *p)
 {
     const char *from = m->text.path;
-    p = skip_options(m, p);
+    MtlEntry *e = m->entry;
+    MapPlace place = { { 1, 1 }, { 0, 0 }, false };
+    p = read_options(m, p, &place);
     size_t n = rest_of_line(p);
     if (n == 0) {
         warn(m, "map_Kd without a file");
@@ -159,8 +176,8 @@ static bool read_map(Mtl *m, char *p)
         char *base = base_name(p, &k);
         if (base != p) path = text_find_file(from, base, k);
     }
-    MtlEntry *e = m->entry;
     e->map_found = path != NULL;
+    e->map_place = place;
     if (!path && (path = malloc(n + 1))) {
         memcpy(path, p, n);
         path[n] = 0;
@@ -432,6 +449,7 @@ bool mtl_material(MtlLibrary *library, uint32_t number, Material *material, Note
             if (!texture) return false;
             texture->used = true;
             m.map_kd = texture->image;
+            m.map_place = e->map_place;
         }
         double d = isnan(e->d) ? 1 - or_else(e->tr, 0) : e->d;
         if (d < 1) note(notes, file, e->line, isnan(e->d) && d == 0 ? "Tr 1 without d, which some programs mean as opaque, is taken as opaque"

@@ -12,6 +12,7 @@ typedef struct {
     int illum;                         /* -1 = not given */
     char *map_kd;                      /* path of the texture or, if that was not found, the name as written; NULL if there is none */
     bool map_found;
+    MapPlace map_place;
 } MtlEntry;
 
 /* A picture, scaled so that what it reflects and Ks do not add up to more than 1. */

@@ -17,6 +17,10 @@ static void corners(const Mesh *m, uint32_t triangle, Vec3 out[3])
     for (int i = 0; i < 3; i++) out[i] = from_float(m->position[m->triangle[triangle][i]]);
 }
 
+/* A bound of what single precision loses at this place in the tree's unit: the origin's rounding (2^-24 of each coordinate) and the like in the
+ * tree's own arithmetic, eightfold. Nearer surfaces than this cannot be told apart. */
+static double rounding(Vec3 p) { return 0x1p-21 * larger(larger(fabs(p.x), fabs(p.y)), larger(fabs(p.z), 0x1p-6)); }
+
 /* Alias table (Walker; Vose's construction): one random number picks a light in constant time. */
 static bool build_lights(Scene *s)
 {
@@ -96,6 +100,103 @@ static bool set_camera(Scene *s, const CameraSettings *c, const char *path, Repo
     return true;
 }
 
+/* ---- things in one place ---- */
+
+static Vec3 normal_of(const Mesh *m, uint32_t triangle)
+{
+    Vec3 c[3];
+    corners(m, triangle, c);
+    return normalize(cross(sub(c[1], c[0]), sub(c[2], c[0])));
+}
+
+/* A surface other than 'skip' so close to p, along the line in direction w, that rays cannot tell which comes first; BVH_NONE if there is none. */
+static uint32_t touching(const Scene *s, Vec3 p, Vec3 w, uint32_t skip)
+{
+    double reach = 2 * rounding(p);
+    Ray ray = { along(p, -reach, w), w, 2 * reach, { skip, BVH_NONE } };
+    Hit hit;
+    return bvh_closest(s->bvh, &ray, &hit) ? hit.triangle : BVH_NONE;
+}
+
+/* Whether a lamp has to be lifted: something touches its middle or a place near a corner. Of two lamps that face one way it is the later. One so
+ * small that its own neighbours are that near stays. */
+static bool covers(const Scene *s, uint32_t lamp)
+{
+    static const double place[4][3] = { { 4, 4, 4 }, { 10, 1, 1 }, { 1, 10, 1 }, { 1, 1, 10 } };     /* barycentric, in twelfths */
+    const Mesh *m = &s->mesh;
+    Vec3 c[3], ng = normal_of(m, lamp);
+    corners(m, lamp, c);
+    Vec3 e1 = sub(c[1], c[0]), e2 = sub(c[2], c[0]);
+    if (length(cross(e1, e2)) < 64 * rounding(c[0]) * larger(length(e1), larger(length(e2), length(sub(e2, e1))))) return false;
+    for (int i = 0; i < 4; i++) {
+        Vec3 p = scale(1.0 / 12, along(along(scale(place[i][0], c[0]), place[i][1], c[1]), place[i][2], c[2]));
+        uint32_t other = touching(s, p, ng, lamp);
+        if (other == BVH_NONE) continue;
+        if (other < lamp || !material_emits(&m->material[m->triangle_material[other]]) || dot(normal_of(m, other), ng) < 0) return true;
+    }
+    return false;
+}
+
+/* A lamp in the very place of another face, as in the plane of a ceiling or where two back to back shine to both sides, would be hidden by it
+ * from some rays and not from others, and a point sampled on it would be visible where no ray can find it: it is lifted to the side that
+ * shines. Its triangle gets corners of its own. *lifted says whether there was one; false if memory runs out. */
+static bool lift_lamps(Scene *s, bool *lifted)
+{
+    Mesh *m = &s->mesh;
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < s->n_lights; i++) n += covers(s, s->light[i]);
+    *lifted = n > 0;
+    if (n == 0) return true;
+    if (n > (BVH_NONE - m->n_positions) / 3) return false;
+    float (*position)[3] = realloc(m->position, ((size_t)m->n_positions + 3 * (size_t)n) * sizeof *position);
+    if (!position) return false;
+    m->position = position;
+    for (uint32_t i = 0; i < s->n_lights; i++) {       /* touches positions that the tree's copy keeps: every lamp is judged by the old places */
+        uint32_t lamp = s->light[i];
+        if (!covers(s, lamp)) continue;
+        Vec3 c[3], ng = normal_of(m, lamp);
+        corners(m, lamp, c);
+        for (int k = 0; k < 3; k++) {
+            Vec3 p = along(c[k], 4 * rounding(c[k]), ng);
+            float *to = m->position[m->n_positions];
+            to[0] = (float)p.x; to[1] = (float)p.y; to[2] = (float)p.z;
+            m->triangle[lamp][k] = m->n_positions++;
+        }
+    }
+    return true;
+}
+
+/* An eye on a surface would see what is on either side of it as rounding has it, each ray for itself: it moves to the side it looks to. */
+static void lift_eye(Scene *s)
+{
+    static const Vec3 axis[3] = { { 1, 0, 0 }, { 0, 1, 0 }, { 0, 0, 1 } };      /* no surface is far along all three */
+    Camera *camera = &s->camera;
+    for (int i = 0; i < 12; i++) {                                              /* a corner has more than one */
+        uint32_t triangle = touching(s, camera->eye, axis[i % 3], BVH_NONE);
+        if (triangle == BVH_NONE) continue;
+        Vec3 ng = normal_of(&s->mesh, triangle);
+        camera->eye = along(camera->eye, copysign(4 * rounding(camera->eye), dot(camera->forward, ng)), ng);
+    }
+}
+
+static bool build_tree(Scene *s, BvhEffort effort)
+{
+    bvh_free(s->bvh);
+    s->bvh = bvh_new((const float (*)[3])s->mesh.position, (const uint32_t (*)[3])s->mesh.triangle, s->mesh.n_triangles, effort);
+    return s->bvh != NULL;
+}
+
+/* Lights, the tree, and nothing that rays cannot tell apart; lamps in one place with each other may take some rounds. */
+static bool build(Scene *s, BvhEffort effort)
+{
+    bool again = true;
+    if (!build_lights(s) || !build_tree(s, effort)) return false;
+    for (int round = 0; again && round < 8; round++)
+        if (!lift_lamps(s, &again) || (again && !build_tree(s, effort))) return false;
+    lift_eye(s);
+    return true;
+}
+
 static void override(CameraSettings *c, const CameraSettings *o)
 {
     if (o->has_eye) { c->has_eye = true; c->eye = o->eye; }
@@ -136,10 +237,9 @@ bool scene_load(Scene *s, const char *path, const CameraSettings *overrides, Bvh
     s->seconds_load = now() - start;
 
     start = now();
-    if (build_lights(s))
-        s->bvh = bvh_new((const float (*)[3])s->mesh.position, (const uint32_t (*)[3])s->mesh.triangle, s->mesh.n_triangles, effort);
+    bool built = build(s, effort);
     s->seconds_build = now() - start;
-    if (s->bvh) return true;
+    if (built) return true;
     scene_free(s);
     return report_error(report, path, 0, "out of memory");
 }
@@ -163,17 +263,28 @@ size_t scene_bytes(const Scene *s)
          + 16 * (size_t)s->n_lights + bvh_bytes(s->bvh);
 }
 
-/* Bilinear, repeated, v upwards; texel centres at half integers. */
-static Rgb texture_at(const Image *image, double u, double v)
+/* The texel i of n; i is at most one off. */
+static uint32_t texel(double i, uint32_t n, bool clamp)
 {
-    double x = (u - floor(u)) * image->width - 0.5, y = (1 - (v - floor(v))) * image->height - 0.5;
+    if (i < 0) return clamp ? 0 : n - 1;
+    return i < n ? (uint32_t)i : clamp ? n - 1 : 0;
+}
+
+/* Bilinear, v upwards; texel centres at half integers. Repeated, as MTL has it unless told otherwise: at the border the texels of opposite sides
+ * are neighbours and mix, which '-clamp on' is there to prevent. */
+static Rgb texture_at(const Material *m, double u, double v)
+{
+    const Image *image = m->map_kd;
+    const MapPlace *place = &m->map_place;
+    double at[2] = { u * place->scale[0] + place->offset[0], v * place->scale[1] + place->offset[1] };
+    for (int k = 0; k < 2; k++) at[k] = place->clamp ? fmin(fmax(at[k], 0), 1) : at[k] - floor(at[k]);
+    double x = at[0] * image->width - 0.5, y = (1 - at[1]) * image->height - 0.5;
     double x0 = floor(x), y0 = floor(y), fx = x - x0, fy = y - y0;
-    uint32_t w = image->width, h = image->height;
-    uint32_t column[2] = { (uint32_t)(x0 + w) % w, (uint32_t)(x0 + 1 + w) % w }, row[2] = { (uint32_t)(y0 + h) % h, (uint32_t)(y0 + 1 + h) % h };
     Rgb sum = vec3(0, 0, 0);
     for (int i = 0; i < 4; i++) {
         double weight = (i & 1 ? fx : 1 - fx) * (i & 2 ? fy : 1 - fy);
-        sum = along(sum, weight, from_float(image->rgb + 3 * ((size_t)row[i >> 1] * w + column[i & 1])));
+        uint32_t column = texel(x0 + (i & 1), image->width, place->clamp), row = texel(y0 + (i >> 1), image->height, place->clamp);
+        sum = along(sum, weight, from_float(image->rgb + 3 * ((size_t)row * image->width + column)));
     }
     return sum;
 }
@@ -200,17 +311,15 @@ static void set_point(const Scene *s, uint32_t triangle, const Vec3 c[3], double
         const uint32_t *t = m->triangle_uv[triangle];
         double tu = w * (double)m->uv[t[0]][0] + u * (double)m->uv[t[1]][0] + v * (double)m->uv[t[2]][0];
         double tv = w * (double)m->uv[t[0]][1] + u * (double)m->uv[t[1]][1] + v * (double)m->uv[t[2]][1];
-        surface->kd = texture_at(surface->material->map_kd, tu, tv);
+        surface->kd = texture_at(surface->material, tu, tv);
     }
 }
 
-/* Off the surface towards the side of w, by a bound of what single precision loses at this place in the tree's unit: the origin's rounding
- * (2^-24 of each coordinate) and the like in the tree's own arithmetic, eightfold. A point on the lens stays. */
+/* Off the surface towards the side of w. A point on the lens stays. */
 static Vec3 leave_surface(const Point *from, Vec3 w)
 {
     if (from->triangle == BVH_NONE) return from->p;
-    double size = larger(larger(fabs(from->p.x), fabs(from->p.y)), larger(fabs(from->p.z), 0x1p-6));
-    return along(from->p, copysign(0x1p-21 * size, dot(w, from->surface.ng)), from->surface.ng);
+    return along(from->p, copysign(rounding(from->p), dot(w, from->surface.ng)), from->surface.ng);
 }
 
 bool scene_trace(const Scene *s, const Point *from, Vec3 w, Point *hit)

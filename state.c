@@ -35,7 +35,13 @@ static uint64_t identity(const Scene *scene, const Settings *s)
         hash_number(&h, a->ns);
         hash_number(&h, a->ni);
         hash_number(&h, a->kind);
-        if (a->map_kd) hash(&h, a->map_kd->rgb, 12 * (size_t)a->map_kd->width * a->map_kd->height);
+        if (!a->map_kd) continue;
+        hash(&h, a->map_kd->rgb, 12 * (size_t)a->map_kd->width * a->map_kd->height);
+        for (int j = 0; j < 2; j++) {
+            hash_number(&h, a->map_place.scale[j]);
+            hash_number(&h, a->map_place.offset[j]);
+        }
+        hash_number(&h, a->map_place.clamp);
     }
     const Vec3 axes[] = { c->eye, c->right, c->up, c->forward };
     for (int j = 0; j < 4; j++) hash_vector(&h, axes[j]);

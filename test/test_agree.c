@@ -8,6 +8,7 @@
 #include "check.h"
 #include "render.h"
 #include "test_faults.h"
+#include "welch.h"
 
 /* A false alarm of the whole program once in a million. */
 enum { COMPARISONS = 5000 };
@@ -71,19 +72,6 @@ static void moments(const Group *g, int v, double *mean, double *variance)
     *variance = squares / (g->runs - 1) / g->runs;                       /* of the mean */
 }
 
-/* Chance that |t| of Student's distribution is larger: t = sqrt(freedom) tan(angle), the density goes as cos^(freedom - 1). */
-static double student_tail(double t, double freedom)
-{
-    double start = atan(t / sqrt(freedom)), tail = 0, all = 0;
-    enum { STEPS = 2000 };
-    for (int i = 0; i < STEPS; i++) {
-        double u = (i + 0.5) / STEPS;
-        tail += (PI / 2 - start) * pow(cos(start + (PI / 2 - start) * u), freedom - 1);
-        all += PI / 2 * pow(cos(PI / 2 * u), freedom - 1);
-    }
-    return tail / all;
-}
-
 typedef enum { BY_TILES, AS_A_WHOLE } Detail;
 
 /* The smallest chance of any value's difference, by Welch's test. */
@@ -95,11 +83,9 @@ static double least_chance(const Group *a, const Group *b, Detail detail, int *w
         double mean_a, mean_b, variance_a, variance_b;
         moments(a, v, &mean_a, &variance_a);
         moments(b, v, &mean_b, &variance_b);
-        double variance = variance_a + variance_b, difference = fabs(mean_a - mean_b), chance;
         comparisons++;
-        if (difference <= 1e-6 * fabs(mean_a)) continue;                 /* exact pixels, or black ones */
-        if (!(variance > 0)) chance = 0;
-        else chance = student_tail(difference / sqrt(variance), variance * variance / ((variance_a * variance_a) / (a->runs - 1) + (variance_b * variance_b) / (b->runs - 1)));
+        if (fabs(mean_a - mean_b) <= 1e-6 * fabs(mean_a)) continue;      /* exact pixels, or black ones */
+        double t, chance = welch_chance(mean_a, variance_a, a->runs, mean_b, variance_b, b->runs, &t);
         if (!(chance >= least)) { least = chance; *worst = v; }
     }
     return least;

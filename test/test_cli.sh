@@ -273,6 +273,62 @@ for options in '' '--integrator path' '--integrator bdpt'; do
 done
 rm -f out/*
 
+# ---- units and origin: neither is to be seen in the picture ----
+
+# moved NAME FACTOR X Y Z [DIGITS]: room.obj and its camera, multiplied and moved, as NAME.obj and NAME.cam, in all the digits of a double
+moved()
+{
+    for ending in obj cam; do
+        awk -v s="$2" -v x="$3" -v y="$4" -v z="$5" -v f="%s %.${6:-17}g %.${6:-17}g %.${6:-17}g\n" '
+            $1 == "v" || $1 == "eye" || $1 == "look" { printf f, $1, $2 * s + x, $3 * s + y, $4 * s + z; next }
+            $1 == "focus" || $1 == "aperture" { printf "%s %.17g\n", $1, $2 * s; next }
+            { print }' room.$ending >"$1.$ending"
+    done
+}
+
+echo 'focus 3.7' >>room.cam
+echo 'aperture 0.03' >>room.cam
+moved large 1024 0 0 0
+moved tiny 0.00000095367431640625 0 0 0                # 2^-20
+moved odd 1.1 0 0 0
+for options in '' '--integrator bdpt' '--integrator path'; do
+    expect 0 room.obj $short $options -o out/a.pfm
+    for name in large tiny; do
+        expect 0 $name.obj $short $options -o out/b.pfm
+        check "the same bits in a unit smaller or larger by a power of two: $name $options" cmp out/a.pfm out/b.pfm
+    done
+    expect 0 odd.obj $short $options -o out/b.pfm
+    check "and not in any unit: $options" not cmp -s out/a.pfm out/b.pfm
+done
+
+# Moved by so much that no digit is lost, which takes coordinates of few bits, it is the same scene.
+cp room.obj kept.obj && cp room.cam kept.cam
+sed 's/0\.3/0.25/g; s/1\.9/1.875/g' kept.obj >room.obj
+sed 's/0\.9/0.875/; s/3\.7/3.75/; s/0\.03/0.03125/' kept.cam >room.cam
+moved far 1 2097152 -1048576 4194304                   # 2^21, 2^20, 2^22: the room is 2 wide
+for options in '' '--integrator bdpt' '--integrator path'; do
+    expect 0 room.obj $short $options -o out/a.pfm
+    expect 0 far.obj $short $options -o out/b.pfm
+    check "the same bits far from the origin: $options" cmp out/a.pfm out/b.pfm
+done
+mv kept.obj room.obj && mv kept.cam room.cam
+# Where digits are lost, paths may go elsewhere by and by: the same picture but for noise. What is lost is below 1e-9 of the room, which is
+# less than what the program itself keeps of a position, so that hardly any path does.
+moved far 1 2000000.1 -1000000.3 3000000.7
+moved coarse 1 2000000.1 -1000000.3 3000000.7 7        # to whole units: what is left is no room
+for options in '-n 400 --bootstrap 20000' '-n 100 --integrator bdpt' '-n 200 --integrator path'; do
+    expect 0 room.obj -q $options -o out/a.pfm
+    expect 0 far.obj -q $options -o out/b.pfm
+    expect 0 compare out/a.pfm out/b.pfm
+    check "the same mean a million sizes from the origin: $options" between 0.98 1.02 "$(sed -n 's/^ratio_of_means //p' stdout)"
+    check "the same picture a million sizes from the origin: $options" between 0 0.02 "$(sed -n 's/^relmse //p' stdout)"
+    expect 0 coarse.obj -q $options -o out/b.pfm
+    expect 0 compare out/a.pfm out/b.pfm
+    check "another picture if digits are left out: $options" not between 0 0.02 "$(sed -n 's/^relmse //p' stdout)"
+done
+sed '/focus/d; /aperture/d' room.cam >kept.cam && mv kept.cam room.cam
+rm -f out/*
+
 # ---- signals ----
 
 for signal in TERM INT; do

@@ -800,9 +800,15 @@ static const struct { const char *text, *material, *words; } materials[] = {
     { "map_Kd C:\\Users\\me\\t.ppm", "diffuse map 1 0 0", NULL },
     { "map_Kd /nowhere/at all/t.ppm", "diffuse map 1 0 0", NULL },
     { "map_Kd t.ppm # c", "diffuse map 1 0 0", NULL },
-    { "map_Kd -s 2 2 3.ppm", "diffuse map 0 0 1", "texture option without effect: '-s'" },
-    { "map_Kd -o 1 -s 1 1 1 -t 0 0 t.ppm", "diffuse map 1 0 0", "'-o'" },
-    { "map_Kd -mm 0 1 -bm 0.1 -clamp on -blendu off -blendv on -boost 2 -texres 5 -imfchan r -cc on -type sphere my t.ppm", "diffuse map 0 1 0",
+    { "map_Kd -s 2 2 3.ppm", "diffuse map 0 0 1 at 2 2 0 0", NULL },
+    { "map_Kd -s 3.ppm", "diffuse kd 0.6 0.6 0.6", "cannot be read: '-s'" },
+    { "map_Kd -s 2 t.ppm", "diffuse map 1 0 0 at 2 1 0 0", NULL },
+    { "map_Kd -o 0.5 -0.25 7 -s 1e1 .5 1 -clamp on t.ppm", "diffuse map 1 0 0 at 10 0.5 0.5 -0.25 clamp", NULL },
+    { "map_Kd -clamp off -S 1 -3 t.ppm", "diffuse map 1 0 0 at 1 -3 0 0", NULL },
+    { "map_Kd -clamp on t.ppm\nmap_Kd t.ppm", "diffuse map 1 0 0", NULL },
+    { "map_Kd -s 1e300 t.ppm", "diffuse map 1 0 0 at 1e+30 1 0 0", "out of its range" },
+    { "map_Kd -o 1 -s 1 1 1 -t 0 0 t.ppm", "diffuse map 1 0 0 at 1 1 1 0", "texture option without effect: '-t'" },
+    { "map_Kd -mm 0 1 -bm 0.1 -clamp on -blendu off -blendv on -boost 2 -texres 5 -imfchan r -cc on -type sphere my t.ppm", "diffuse map 0 1 0 clamp",
       "'-imfchan'" },
     { "map_Kd -foo t.ppm", "diffuse map 1 0 0", "unknown texture option '-foo'" },
     { "map_Kd -foo 7 t.ppm", "diffuse map 1 0 0", "only part of the line" },
@@ -813,12 +819,22 @@ static const struct { const char *text, *material, *words; } materials[] = {
     { "map_Kd t.ppm\nKs 0.25 0.25 0.25\nNs 5", "diffuse map 0.8 0 0 ks 0.2 0.25 0.25 ns 5", "scaled down" },
 };
 
+/* Where a texture lies, if not everywhere as it is. */
+static int place(const MapPlace *p, char *text)
+{
+    int n = 0;
+    if (p->scale[0] != 1 || p->scale[1] != 1 || p->offset[0] != 0 || p->offset[1] != 0)
+        n = sprintf(text, " at %g %g %g %g", p->scale[0], p->scale[1], p->offset[0], p->offset[1]);
+    return n + sprintf(text + n, p->clamp ? " clamp" : "");
+}
+
 static void describe(const Material *m, char *text)
 {
     if (m->kind == MATERIAL_MIRROR) text += sprintf(text, "mirror ks %g %g %g", m->ks.x, m->ks.y, m->ks.z);
     else if (m->kind == MATERIAL_GLASS) text += sprintf(text, "glass ni %g tf %g %g %g", m->ni, m->tf.x, m->tf.y, m->tf.z);
     else {
         if (m->map_kd) text += sprintf(text, "diffuse map %g %g %g", (double)m->map_kd->rgb[0], (double)m->map_kd->rgb[1], (double)m->map_kd->rgb[2]);
+        if (m->map_kd) text += place(&m->map_place, text);
         else text += sprintf(text, "diffuse kd %g %g %g", m->kd.x, m->kd.y, m->kd.z);
         if (max3(m->ks) > 0) text += sprintf(text, " ks %g %g %g ns %g", m->ks.x, m->ks.y, m->ks.z, m->ns);
     }
