@@ -19,7 +19,7 @@
 enum {
     PILOTS = 4,                    /* short rounds that teach, a hundredth of the work each, and are thrown away */
     ROUNDS = 16,                   /* that make the picture */
-    CUTS = 14, FIRST_CUT = -3,     /* tau that are weighed: 2^-3 .. 2^10 times the picture's own value */
+    CUTS = 19, FIRST_CUT = -8,     /* tau that are weighed: 2^-8 .. 2^10 times the picture's own value */
     SURVEY = 4000,                 /* samples for that */
     PILOT_STEPS = 8,               /* mutations per pixel that a pilot round needs at most */
     SLICE = 16384,                 /* steps between two looks at the clock */
@@ -155,17 +155,63 @@ static Estimate estimate(const Render *r, size_t i)
     return e;
 }
 
-/* Mean of the picture over the 5x5 pixels around, all channels: what error is relative to, and the two-stage weight, want it less noisy. */
-static double around(const Render *r, const float *picture, size_t pixel)
+static float smaller_f(float a, float b) { return a < b ? a : b; }
+static uint32_t smaller_u(uint32_t a, uint32_t b) { return a < b ? a : b; }
+static float larger_f(float a, float b) { return a < b ? b : a; }
+
+static float median5(const float v[5])
 {
-    int width = (int)r->scene->camera.width, height = (int)r->scene->camera.height, x = (int)(pixel % (size_t)width), y = (int)(pixel / (size_t)width), n = 0;
-    double sum = 0;
-    for (int v = y > 2 ? y - 2 : 0; v <= y + 2 && v < height; v++)
-        for (int u = x > 2 ? x - 2 : 0; u <= x + 2 && u < width; u++, n += 3) {
-            const float *c = picture + 3 * ((size_t)v * (size_t)width + (size_t)u);
-            sum += (double)c[0] + (double)c[1] + (double)c[2];
+    float low = larger_f(smaller_f(v[0], v[1]), smaller_f(v[2], v[3])), high = smaller_f(larger_f(v[0], v[1]), larger_f(v[2], v[3]));
+    return larger_f(smaller_f(low, high), smaller_f(larger_f(low, high), v[4]));   /* low, high: the middle two of four */
+}
+
+/* Along rows, then along columns: each pixel becomes combine(itself, two to the left and right that are 'stride' apart). */
+static void filter(const Render *r, float *picture, float *work, uint32_t stride, float (*combine)(const float v[5]))
+{
+    uint32_t width = r->scene->camera.width, height = r->scene->camera.height;
+    for (int pass = 0; pass < 2; pass++) {
+        const float *from = pass == 0 ? picture : work;
+        uint32_t last = (pass == 0 ? width : height) - 1;
+        for (uint32_t y = 0; y < height; y++)
+            for (uint32_t x = 0; x < width; x++) {
+                uint32_t at = pass == 0 ? x : y;
+                float v[5];
+                for (uint32_t i = 0; i < 5; i++) {
+                    uint32_t to = at + stride * i < 2 * stride ? 0 : smaller_u(at + stride * i - 2 * stride, last);
+                    v[i] = from[pass == 0 ? (size_t)y * width + to : (size_t)to * width + x];
+                }
+                (pass == 0 ? work : picture)[(size_t)y * width + x] = combine(v);
+            }
+    }
+}
+
+static float mean5(const float v[5]) { return (v[0] + v[1] + v[2] + v[3] + v[4]) / 5; }
+
+/* The picture's brightness without its outliers, a mean over channels: the median of the surroundings, or, for small features, the mean of so much of
+ * nearby values as lies above their standard errors. By a plain mean one firefly would starve its surroundings of chains and so beget
+ * others. False if memory runs out. */
+static bool typical_brightness(const Render *r, float *out)
+{
+    float *safe = malloc(r->pixels * sizeof *safe), *work = malloc(r->pixels * sizeof *work);
+    bool ok = safe && work;
+    if (ok) {
+        for (size_t pixel = 0; pixel < r->pixels; pixel++) {
+            double value = 0, error = 0;
+            for (size_t i = 3 * pixel; i < 3 * pixel + 3; i++) {
+                Estimate e = estimate(r, i);
+                value += e.value / 3;
+                error += sqrt(e.sampled_variance + e.chain_variance) / 3;
+            }
+            out[pixel] = (float)value;
+            safe[pixel] = (float)fmax(0, value - error);
         }
-    return sum / n;
+        filter(r, out, work, 2, median5);
+        filter(r, safe, work, 1, mean5);
+        for (size_t pixel = 0; pixel < r->pixels; pixel++) out[pixel] = larger_f(out[pixel], safe[pixel]);
+    }
+    free(safe);
+    free(work);
+    return ok;
 }
 
 /* The error of two kinds of work falls as 1/rays in each; together it is least where rays go as sqrt(error * rays). */
@@ -179,24 +225,30 @@ static double best_share(double error, uint64_t rays, double other_error, uint64
 void run_learn(Render *r)
 {
     Image *picture = image_new(r->scene->camera.width, r->scene->camera.height);
-    if (!picture) return;                          /* goes on with what it knew */
-    render_image(r, picture);
+    float *local = malloc(r->pixels * sizeof *local);
+    if (picture) render_image(r, picture);
+    if (!picture || !local || !typical_brightness(r, local)) {       /* goes on with what it knew */
+        image_free(picture);
+        free(local);
+        return;
+    }
     double mean = 0, sampled = 0, chain = 0, chain_energy = 0;   /* the last three relative to the picture, summed over values */
     for (size_t i = 0; i < 3 * r->pixels; i++) mean += (double)picture->rgb[i];
     mean /= 3 * (double)r->pixels;
     if (mean > 0) {
         for (size_t pixel = 0; pixel < r->pixels; pixel++) {
-            double local = around(r, picture->rgb, pixel);
+            double typical = (double)local[pixel];
             for (size_t i = 3 * pixel; i < 3 * pixel + 3; i++) {
                 Estimate e = estimate(r, i);
-                double relative_to = e.value * e.value * 0.5 + local * local * 0.5 + 0.01 * mean * mean;
+                /* what the value may be: itself, but no outlier */
+                double likely = fmin(fmax(e.value, typical / 4), 4 * typical), relative_to = likely * likely + 0.01 * mean * mean;
                 sampled += e.sampled_variance / relative_to;
                 chain += e.chain_variance / relative_to;
                 chain_energy += e.chain * e.chain / relative_to;
             }
             /* pixels in proportion to their relative error: w ~ 1/picture, floored so that none starves */
-            if (r->has_chain) r->weight[pixel] = (float)(mean / (local + 0.05 * mean));
-            if (r->threshold && !r->chain_space.threshold) r->threshold[pixel] = (float)(local + 0.05 * mean);   /* survey scales it */
+            if (r->has_chain) r->weight[pixel] = (float)(mean / (typical + 0.05 * mean));
+            if (r->threshold && !r->chain_space.threshold) r->threshold[pixel] = (float)(typical + 0.05 * mean);   /* survey scales it */
         }
         double values = 3 * (double)r->pixels;
         bool known = !r->has_chain || r->stats.b == 0 || r->steps_square < r->steps_sum * r->steps_sum;
@@ -211,6 +263,7 @@ void run_learn(Render *r)
         if (r->has_chain) r->chain_space.weight = r->weight;
     } else if (!r->has_chain || r->stats.bootstrap_hits == 0) r->relative_error = 0;     /* black, and nothing says that it should not be */
     image_free(picture);
+    free(local);
 }
 
 void render_image(const Render *r, Image *image)
@@ -369,16 +422,22 @@ void run_divide(Render *r)
 }
 
 /* For each tau: the share of the picture that is left to the chains, and the second moment of the path tracer's capped estimate, both relative to
- * the picture and summed over samples. 'one' collects the estimate of one sample of the path tracer. */
-typedef struct { const float *picture; double indirect, left[CUTS], moment[CUTS], one[CUTS]; } Survey;
+ * the picture and summed over samples. The moment twice: of samples of the path tracer ('one' collects one sample), which knows how paths of
+ * one sample go together, and from bidirectional samples path by path, which knows what the path tracer finds too rarely. */
+typedef struct { const float *picture; double indirect, left[CUTS], expected_moment[CUTS], moment[CUTS], one[CUTS]; } Survey;
 
 static void survey_candidate(void *context, const Candidate *c)
 {
     Survey *s = context;
     double picture = (double)s->picture[c->pixel], share = luminance(c->rgb) / picture, value = c->traced / picture;
-    if (!isfinite(share) || c->direct) return;
-    s->indirect += share;
-    for (int i = 0; i < CUTS; i++) s->left[i] += share * fmax(0, 1 - ldexp(1, FIRST_CUT + i) / value);
+    if (!isfinite(share)) return;
+    if (!c->direct) s->indirect += share;
+    double tau = ldexp(1, FIRST_CUT);
+    for (int i = 0; i < CUTS; i++, tau *= 2) {
+        double kept = c->direct || value <= tau ? 1 : tau / value;
+        s->left[i] += share * (1 - kept);
+        if (isfinite(kept * value)) s->expected_moment[i] += share * kept * kept * value;
+    }
 }
 
 static void survey_traced(void *context, const Candidate *c)
@@ -386,7 +445,8 @@ static void survey_traced(void *context, const Candidate *c)
     Survey *s = context;
     double picture = (double)s->picture[c->pixel], share = luminance(c->rgb) / picture, value = c->traced / picture;
     if (!isfinite(share) || !(share > 0)) return;
-    for (int i = 0; i < CUTS; i++) s->one[i] += share * (c->direct ? 1 : fmin(1, ldexp(1, FIRST_CUT + i) / value));
+    double tau = ldexp(1, FIRST_CUT);
+    for (int i = 0; i < CUTS; i++, tau *= 2) s->one[i] += share * (c->direct || value <= tau ? 1 : tau / value);
 }
 
 /* Where to divide the integrand. Error times rays of the path tracer is its second moment, bounded by tau. That of the chains was measured by the
@@ -412,11 +472,11 @@ static void survey(Render *r)
     /* A short pilot rather misses what is rare: its error is taken half as large again. */
     double chain = sqrt(1.5 * r->chain_error * (double)(r->stats.chain_rays + r->stats.start_rays) / (double)r->pixels);
     for (int i = 0; i < CUTS; i++) {
-        double cost = sqrt(s.moment[i] / SURVEY * traced_rays) + (s.left[i] > 0 ? chain * s.left[i] / s.indirect : 0);
-        if (cost < 0.98 * best) {              /* a higher cap has to promise something: so few samples know little of rare values */
-            best = cost;
+        double path = sqrt(fmax(s.moment[i], s.expected_moment[i]) / SURVEY * traced_rays), rest = s.left[i] > 0 ? chain * s.left[i] / s.indirect : 0;
+        if (pow(path + rest, 2) < 0.98 * best) {   /* a higher cap has to promise something: so few samples know little of rare values */
+            best = pow(path + rest, 2);
             tau = ldexp(1, FIRST_CUT + i);
-            r->direct_share = sqrt(s.moment[i] / SURVEY * traced_rays) * s.indirect / (chain * s.left[i]);
+            r->direct_share = path / rest;
         }
     }
     for (size_t i = 0; i < r->pixels; i++) r->threshold[i] = (float)(tau * (double)r->threshold[i]);
