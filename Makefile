@@ -67,14 +67,18 @@ $(BUILD)/fuzz_%: $(BUILD)/fuzz_%.o $(OBJECTS)
 $(BUILD)/metropolis1d: $(BUILD)/metropolis1d.o $(BUILD)/svgplot.o
 	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
 
+$(BUILD)/trace: $(BUILD)/trace.o $(BUILD)/svgplot.o $(OBJECTS)
+	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
+
 $(BUILD)/wrong: $(BUILD)/wrong.o $(OBJECTS)
 	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
 
 # The figures of doc/, drawn again.
-docs-figures: mlt $(BUILD)/wrong $(BUILD)/metropolis1d
+docs-figures: mlt $(BUILD)/wrong $(BUILD)/metropolis1d $(BUILD)/trace
 	$(CC) doc/figures.c -o $(BUILD)/figures && $(BUILD)/figures doc/figures
 	$(BUILD)/metropolis1d --svg doc/figures/metropolis1d.svg
 	$(BUILD)/wrong doc/figures
+	$(BUILD)/trace doc/figures
 	for s in '30 400x300 caustic' '30 320x240 pool' '20 320x240 door' '20 240x240 cornell' '20 360x240 glossy'; do \
 	    set -- $$s; ./mlt -q -t $$1 -s $$2 -o doc/figures/$$3.png scenes/$$3.obj; done
 
