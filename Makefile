@@ -6,7 +6,7 @@
 #   make demo        renders a shipped scene
 #   make test        proves it right: a few minutes
 #   make docs-figures  the pictures of README and doc/
-#   make bench       speed of ray queries, error at equal time
+#   make bench       speed of ray queries, error against time
 #   make install     PREFIX=/usr/local, DESTDIR=
 
 CFLAGS ?= -O3
@@ -53,12 +53,22 @@ test: mlt $(TESTS:%=$(BUILD)/%) $(BUILD)/metropolis1d $(BUILD)/fuzz_obj $(BUILD)
 	    '$(BUILD)/fuzz_obj test/corpus/obj/* && echo 1 passed, 0 failed' '$(BUILD)/fuzz_image test/corpus/image/* && echo 1 passed, 0 failed' \
 	    'sh test/test_cli.sh ./mlt' 'sh test/test_explain.sh ./mlt' 'sh test/test_docs.sh ./mlt'
 
-# Ray queries (million rays a second), then error at equal time for each scene, strategies left out one at a time: half an hour. Reports only.
-bench: mlt $(BUILD)/bench_rays
+# Reports only; one part at a time: bench-rays (million rays a second), bench-error (error against time: 25 minutes), bench-ways (error with one
+# strategy left out at a time: 20 minutes).
+bench: mlt
+	$(MAKE) bench-rays
+	$(MAKE) bench-error
+
+bench-rays: $(BUILD)/bench_rays
 	$(BUILD)/bench_rays
+
+bench-error: mlt $(BUILD)/bench_plot
 	sh test/bench_error.sh ./mlt
 
-$(BUILD)/bench_%: $(BUILD)/bench_%.o $(OBJECTS)
+bench-ways: mlt $(BUILD)/bench_plot
+	sh test/bench_error.sh ./mlt 3
+
+$(BUILD)/bench_%: $(BUILD)/bench_%.o $(BUILD)/svgplot.o $(OBJECTS)
 	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
 
 $(BUILD)/fuzz_%: $(BUILD)/fuzz_%.o $(OBJECTS)
@@ -96,4 +106,4 @@ clean:
 
 .SECONDARY:
 
-.PHONY: test demo bench docs-figures install clean
+.PHONY: test demo bench bench-rays bench-error bench-ways docs-figures install clean
