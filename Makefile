@@ -6,7 +6,7 @@
 #   make demo        renders a shipped scene
 #   make test        proves it right: a few minutes
 #   make docs-figures  the pictures of README and doc/
-#   make bench       speed of ray queries, error against time
+#   make bench       speed of ray queries, error against time, cost against size
 #   make install     PREFIX=/usr/local, DESTDIR=
 
 CFLAGS ?= -O3
@@ -53,11 +53,12 @@ test: mlt $(TESTS:%=$(BUILD)/%) $(BUILD)/metropolis1d $(BUILD)/fuzz_obj $(BUILD)
 	    '$(BUILD)/fuzz_obj test/corpus/obj/* && echo 1 passed, 0 failed' '$(BUILD)/fuzz_image test/corpus/image/* && echo 1 passed, 0 failed' \
 	    'sh test/test_cli.sh ./mlt' 'sh test/test_explain.sh ./mlt' 'sh test/test_docs.sh ./mlt'
 
-# Reports only; one part at a time: bench-rays (million rays a second), bench-error (error against time: 25 minutes), bench-ways (error with one
-# strategy left out at a time: 20 minutes).
+# Reports only; one part at a time: bench-rays (million rays a second), bench-error (error against time: 25 minutes), bench-cost (a mutation, and the
+# tree, against triangles and path length), bench-ways (error with one strategy left out at a time: 20 minutes).
 bench: mlt
 	$(MAKE) bench-rays
 	$(MAKE) bench-error
+	$(MAKE) bench-cost
 
 bench-rays: $(BUILD)/bench_rays
 	$(BUILD)/bench_rays
@@ -67,6 +68,10 @@ bench-error: mlt $(BUILD)/bench_plot
 
 bench-ways: mlt $(BUILD)/bench_plot
 	sh test/bench_error.sh ./mlt 3
+
+bench-cost: $(BUILD)/bench_cost
+	@mkdir -p build/bench
+	$(BUILD)/bench_cost build/bench
 
 $(BUILD)/bench_%: $(BUILD)/bench_%.o $(BUILD)/svgplot.o $(OBJECTS)
 	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
@@ -106,4 +111,4 @@ clean:
 
 .SECONDARY:
 
-.PHONY: test demo bench bench-rays bench-error bench-ways docs-figures install clean
+.PHONY: test demo bench bench-rays bench-error bench-cost bench-ways docs-figures install clean
