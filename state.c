@@ -164,6 +164,8 @@ bool render_resume(Render *r, const char *path, Report *report)
         if (s.ok && r->round.phase == CHAINS && r->round.left > 0) pass_path(&s, r->x, &r->scene->mesh);
         ok = s.ok && getc(file) == EOF;
         if (!ok) report_error(report, path, 0, "the saved state is damaged");
+        /* A run that had come to its end, or out of time, was left at a round that has no plan. */
+        if (r->round.phase == CHAINS && r->round.n_bootstrap == 0) r->round.phase = PLAN;
         r->round.deadline = r->round.chain_deadline = INFINITY;    /* they were of another clock */
         if (r->settings->seconds > 0) r->round.deadline = r->round.chain_deadline = r->settings->start + r->settings->seconds;
     }
