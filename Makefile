@@ -6,6 +6,7 @@
 #   make demo        renders a shipped scene
 #   make test        proves it right: a few minutes
 #   make docs-figures  the pictures of README and doc/
+#   make stress      interrupts runs at random moments: seven minutes
 #   make bench       speed of ray queries, error against time, cost against size
 #   make install     PREFIX=/usr/local, DESTDIR=
 
@@ -52,6 +53,17 @@ test: mlt $(TESTS:%=$(BUILD)/%) $(BUILD)/metropolis1d $(BUILD)/fuzz_obj $(BUILD)
 	@sh test/run.sh $(TESTS:%=$(BUILD)/%) $(BUILD)/metropolis1d \
 	    '$(BUILD)/fuzz_obj test/corpus/obj/* && echo 1 passed, 0 failed' '$(BUILD)/fuzz_image test/corpus/image/* && echo 1 passed, 0 failed' \
 	    'sh test/test_cli.sh ./mlt' 'sh test/test_explain.sh ./mlt' 'sh test/test_docs.sh ./mlt'
+
+# Interruption at random moments, and whether merged runs are worth one long one: seven minutes. mlt_saves saves at every look at the clock.
+stress: mlt $(BUILD)/mlt_saves
+	sh test/kill.sh ./mlt $(BUILD)/mlt_saves
+
+$(BUILD)/main_saves.c: main.c
+	@mkdir -p $(@D)
+	sed 's/SAVE_SECONDS = 60/SAVE_SECONDS = 0/' main.c >$@ && grep -q 'SAVE_SECONDS = 0' $@
+
+$(BUILD)/mlt_saves: $(BUILD)/main_saves.c $(OBJECTS)
+	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
 
 # Reports only; one part at a time: bench-rays (million rays a second), bench-error (error against time: 25 minutes), bench-cost (a mutation, and the
 # tree, against triangles and path length), bench-ways (error with one strategy left out at a time: 20 minutes).
@@ -111,4 +123,4 @@ clean:
 
 .SECONDARY:
 
-.PHONY: test demo bench bench-rays bench-error bench-cost bench-ways docs-figures install clean
+.PHONY: test demo bench stress bench-rays bench-error bench-cost bench-ways docs-figures install clean
