@@ -148,6 +148,12 @@ if ${CC:-cc} doc/figures.c -o "$tmp/draw" 2>"$tmp/cc" && "$tmp/draw" "$tmp/figur
     done
 else bad "cannot be built or run: $(head -n 1 "$tmp/cc")"; fi
 
+# scripts are shell, and those beside the documents are named in one
+for doc in doc/*.sh test/*.sh; do
+    if sh -n "$doc" 2>"$tmp/sh"; then good; else bad "$(head -n 1 "$tmp/sh")"; fi
+    case $doc in doc/*) if grep -Fq "$doc" doc/*.md; then good; else bad 'is named in no document'; fi ;; esac
+done
+
 # every figure is shown somewhere
 for figure in doc/figures/*; do
     doc=$figure
