@@ -342,6 +342,20 @@ expect 0 merge -o out/n.pfm out/two out/one
 expect 0 compare out/n.pfm out/m.pfm
 check 'merge: the order does not matter' between 0 1e-9 "$(sed -n 's/^relmse //p' stdout)"
 rm -f out/m.* out/n.*
+# A merged picture lies on the line between the two: its distances to them add up to theirs. Each run cuts path space for itself, the first two not alike.
+distance() { "$mlt" compare "$1" "$2" | sed -n 's/^rmse //p'; }
+for options in '2000' '100 --direct chain' '100 --direct none' '100 --integrator path' '100 --integrator bdpt'; do
+    set -- $options
+    many=$1
+    shift
+    expect 0 room.obj -q -n $((many / 20)) "$@" --seed 1 --save out/few -o out/a.pfm
+    expect 0 room.obj -q -n $many "$@" --seed 2 --save out/many -o out/b.pfm
+    expect 0 merge -o out/m.pfm out/few out/many
+    sum=$(awk "BEGIN { print ($(distance out/m.pfm out/a.pfm) + $(distance out/m.pfm out/b.pfm)) / $(distance out/a.pfm out/b.pfm) }")
+    check "merge: between the two pictures, $sum: $options" between 0.9999 1.0001 "$sum"
+    check "merge: nearer to that of more work: $options" awk "BEGIN { exit !($(distance out/m.pfm out/b.pfm) < $(distance out/m.pfm out/a.pfm)) }"
+done
+rm -f out/?.pfm out/few out/many
 refused()
 {
     what=$1
