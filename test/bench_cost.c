@@ -14,9 +14,10 @@
 #include <sys/resource.h>
 #include <time.h>
 
-enum { SIZES = 7, DEPTHS = 8, EFFORTS = 2, SETS = 2, SLICES = 15, CHAIN = 512, PIECE = 256, STARTS = 10000 };
+enum { SIZES = 7, DEPTHS = 8, EFFORTS = 2, SETS = 2, ALL_SETS = 3, SLICES = 15, CHAIN = 512, PIECE = 256, STARTS = 10000 };
 static const char *const effort_name[EFFORTS] = { "fast", "best" };
-static const struct { const char *name; unsigned allowed; } set[SETS] = { { "bidir alone", 1 }, { "all", ~0u } };
+/* The last, only against length: the bidirectional mutation chooses the segment to delete uniformly, and weighs none. */
+static const struct { const char *name; unsigned allowed; bool uniform; } set[ALL_SETS] = { { "bidir alone", 1, false }, { "all", ~0u, false }, { "bidir, uniform p_d2", 1, true } };
 
 /* Of this process alone: other work on the machine takes less from it than from the clock on the wall. */
 static double now(void)
@@ -104,10 +105,11 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static Cost measure(const Scene *scene, unsigned allowed, int max_depth, double seconds)
+static Cost measure(const Scene *scene, int which, int max_depth, double seconds)
 {
     Space space = { .scene = scene, .max_depth = max_depth, .direct = DIRECT_INCLUDED };
-    Sampler sampler = sampler_for(scene, allowed);
+    Sampler sampler = sampler_for(scene, set[which].allowed);
+    if (set[which].uniform) sampler.tuning.p_d2_importance = 0;
     Bdpt *bdpt = bdpt_new();
     Path *x = malloc(sizeof *x), *y = malloc(sizeof *y);
     Bootstrap boot = { .sum = NULL };
@@ -201,7 +203,7 @@ static void cost_of_triangles(const char *folder, double most, double seconds)
             bytes[e][n] = (double)bvh_bytes(scene.bvh) / triangles[n];
             Cost cost[SETS];
             for (int s = 0; s < SETS; s++) {
-                cost[s] = measure(&scene, set[s].allowed, 16, seconds);
+                cost[s] = measure(&scene, s, 16, seconds);
                 time[e * SETS + s][n] = cost[s].nanoseconds;
             }
             snprintf(line, sizeof line, "%.0f,%s,%.4g,%.1f,%.1f,%.3g,%.0f,%.2f,%.0f,%.2f\n", triangles[n], effort_name[e], build[e][n], bytes[e][n],
@@ -225,28 +227,31 @@ static void cost_of_triangles(const char *folder, double most, double seconds)
 static void cost_of_length(const char *folder, double seconds)
 {
     static const int depth[DEPTHS] = { 2, 4, 8, 16, 32, 64, 128, MAX_EDGES };
-    static double edges[SETS][DEPTHS], time[SETS][DEPTHS];
+    static double edges[ALL_SETS][DEPTHS], time[ALL_SETS][DEPTHS];
     char line[200];
     FILE *csv = open_file(folder, "cost-length.csv");
-    both(csv, "max_depth,edges_bidir,ns_bidir,rays_bidir,edges_all,ns_all,rays_all\n");
+    both(csv, "max_depth,edges_bidir,ns_bidir,rays_bidir,edges_all,ns_all,rays_all,edges_uniform,ns_uniform,rays_uniform\n");
     write_scene(folder, 0, 0.99);
     Scene scene;
     load(&scene, folder, BVH_FAST);
     for (int d = 0; d < DEPTHS; d++) {
-        Cost cost[SETS];
-        for (int s = 0; s < SETS; s++) {
-            cost[s] = measure(&scene, set[s].allowed, depth[d], seconds);
+        Cost cost[ALL_SETS];
+        for (int s = 0; s < ALL_SETS; s++) {
+            cost[s] = measure(&scene, s, depth[d], seconds);
             edges[s][d] = cost[s].edges;
             time[s][d] = cost[s].nanoseconds;
         }
-        snprintf(line, sizeof line, "%d,%.2f,%.0f,%.2f,%.2f,%.0f,%.2f\n", depth[d], cost[0].edges, cost[0].nanoseconds, cost[0].rays, cost[1].edges, cost[1].nanoseconds, cost[1].rays);
+        int n = snprintf(line, sizeof line, "%d", depth[d]);
+        for (int s = 0; s < ALL_SETS; s++) n += snprintf(line + n, 60, ",%.2f,%.0f,%.2f", cost[s].edges, cost[s].nanoseconds, cost[s].rays);
+        snprintf(line + n, 2, "\n");
         both(csv, line);
     }
     scene_free(&scene);
     close_file(csv);
-    const SvgSeries series[] = { { set[0].name, DEPTHS, edges[0], time[0] }, { set[1].name, DEPTHS, edges[1], time[1] } };
+    const SvgSeries series[] = { { set[0].name, DEPTHS, edges[0], time[0] }, { set[1].name, DEPTHS, edges[1], time[1] },
+                                 { set[2].name, DEPTHS, edges[2], time[2] } };
     plot(folder, "cost-length.svg", &(SvgPlot){ .title = "A mutation against the length of paths", .x_label = "mean edges of the chain's paths", .y_label = "nanoseconds per mutation",
-                                                .count = SETS, .series = series });
+                                                .count = ALL_SETS, .series = series });
 }
 
 int main(int argc, char **argv)
