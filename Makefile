@@ -7,7 +7,8 @@
 #   make test        proves it right: a few minutes
 #   make stress      scenes that break renderers, three estimators in agreement: some minutes
 #   make docs-figures  the pictures of README and doc/
-#   make bench       speed of ray queries, error at equal time
+#   make stress      interrupts runs at random moments: seven minutes
+#   make bench       speed of ray queries, error against time, cost against size
 #   make install     PREFIX=/usr/local, DESTDIR=
 
 CFLAGS ?= -O3
@@ -62,12 +63,38 @@ stress: $(BUILD)/stress
 $(BUILD)/stress: $(BUILD)/stress.o $(OBJECTS)
 	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
 
-# Ray queries (million rays a second), then error at equal time for each scene, strategies left out one at a time: half an hour. Reports only.
-bench: mlt $(BUILD)/bench_rays
+# Interruption at random moments, and whether merged runs are worth one long one: seven minutes. mlt_saves saves at every look at the clock.
+kill: mlt $(BUILD)/mlt_saves
+	sh test/kill.sh ./mlt $(BUILD)/mlt_saves
+
+$(BUILD)/main_saves.c: main.c
+	@mkdir -p $(@D)
+	sed 's/SAVE_SECONDS = 60/SAVE_SECONDS = 0/' main.c >$@ && grep -q 'SAVE_SECONDS = 0' $@
+
+$(BUILD)/mlt_saves: $(BUILD)/main_saves.c $(OBJECTS)
+	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
+
+# Reports only; one part at a time: bench-rays (million rays a second), bench-error (error against time: 25 minutes), bench-cost (a mutation, and the
+# tree, against triangles and path length), bench-ways (error with one strategy left out at a time: 20 minutes).
+bench: mlt
+	$(MAKE) bench-rays
+	$(MAKE) bench-error
+	$(MAKE) bench-cost
+
+bench-rays: $(BUILD)/bench_rays
 	$(BUILD)/bench_rays
+
+bench-error: mlt $(BUILD)/bench_plot
 	sh test/bench_error.sh ./mlt
 
-$(BUILD)/bench_%: $(BUILD)/bench_%.o $(OBJECTS)
+bench-ways: mlt $(BUILD)/bench_plot
+	sh test/bench_error.sh ./mlt 3
+
+bench-cost: $(BUILD)/bench_cost
+	@mkdir -p build/bench
+	$(BUILD)/bench_cost build/bench
+
+$(BUILD)/bench_%: $(BUILD)/bench_%.o $(BUILD)/svgplot.o $(OBJECTS)
 	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
 
 $(BUILD)/fuzz_%: $(BUILD)/fuzz_%.o $(OBJECTS)
@@ -76,14 +103,18 @@ $(BUILD)/fuzz_%: $(BUILD)/fuzz_%.o $(OBJECTS)
 $(BUILD)/metropolis1d: $(BUILD)/metropolis1d.o $(BUILD)/svgplot.o
 	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
 
+$(BUILD)/trace: $(BUILD)/trace.o $(BUILD)/svgplot.o $(OBJECTS)
+	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
+
 $(BUILD)/wrong: $(BUILD)/wrong.o $(OBJECTS)
 	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
 
 # The figures of doc/, drawn again.
-docs-figures: mlt $(BUILD)/wrong $(BUILD)/metropolis1d
+docs-figures: mlt $(BUILD)/wrong $(BUILD)/metropolis1d $(BUILD)/trace
 	$(CC) doc/figures.c -o $(BUILD)/figures && $(BUILD)/figures doc/figures
 	$(BUILD)/metropolis1d --svg doc/figures/metropolis1d.svg
 	$(BUILD)/wrong doc/figures
+	$(BUILD)/trace doc/figures
 	for s in '30 400x300 caustic' '30 320x240 pool' '20 320x240 door' '20 240x240 cornell' '20 360x240 glossy'; do \
 	    set -- $$s; ./mlt -q -t $$1 -s $$2 -o doc/figures/$$3.png scenes/$$3.obj; done
 
@@ -101,4 +132,4 @@ clean:
 
 .SECONDARY:
 
-.PHONY: test stress demo bench docs-figures install clean
+.PHONY: test demo bench stress kill bench-rays bench-error bench-cost bench-ways docs-figures install clean

@@ -53,7 +53,8 @@ bool render_save(const Render *render, const char *path, Report *report);
 /* Fills a fresh render from such a file. False with an error if it is damaged, or of another scene or other options (-n, -t, -e may differ). */
 bool render_resume(Render *render, const char *path, Report *report);
 
-/* Combines saved runs of one scene and one set of options with different seeds: pictures that carry their own b, weighted by their work.
+/* Combines saved runs of one scene and one set of options with different seeds: pictures that carry their own b and their own cut of path space,
+ * weighted by their work.
  * NULL with an error. Free with render_merged_free. */
 Render *render_merge(const char *const *path, int n, Report *report);
 void render_merged_free(Render *merged);

@@ -170,6 +170,8 @@ bool render_resume(Render *r, const char *path, Report *report)
         if (s.ok && r->round.phase == CHAINS && r->round.left > 0) pass_path(&s, r->x, &r->scene->mesh);
         ok = s.ok && getc(file) == EOF;
         if (!ok) report_error(report, path, 0, "the saved state is damaged");
+        /* A run that had come to its end, or out of time, was left at a round that has no plan. */
+        if (r->round.phase == CHAINS && r->round.n_bootstrap == 0) r->round.phase = PLAN;
         r->round.deadline = r->round.chain_deadline = INFINITY;    /* they were of another clock */
         if (r->settings->seconds > 0) r->round.deadline = r->round.chain_deadline = r->settings->start + r->settings->seconds;
     }
@@ -225,9 +227,46 @@ void render_merged_free(Render *r)
     free(settings);
 }
 
+/* Where path space is cut between chains and path tracer, every run has its own cut: the parts of different runs are parts of different integrals, and
+ * each run can only be taken whole. Adds its picture and that picture's variance, weighted by the run's rays, to the accumulators of the chains;
+ * 'to' may be the run itself, which is then the first. False if memory runs out. */
+static bool add_whole(Render *to, const Render *run)
+{
+    Image *value = image_new(run->scene->camera.width, run->scene->camera.height), *error = image_new(run->scene->camera.width, run->scene->camera.height);
+    bool ok = value && error, first = to == run;
+    if (ok) {
+        double weight = (double)*run->scene->rays;
+        render_image(run, value);
+        render_error_image(run, error);
+        for (size_t i = 0; i < 3 * to->pixels; i++) {
+            double v = (double)value->rgb[i], e = (double)error->rgb[i];
+            to->sum[i] = (first ? 0 : to->sum[i]) + weight * v;
+            to->square[i] = (first ? 0 : to->square[i]) + weight * weight * e * e;
+        }
+        to->steps_sum = (first ? 0 : to->steps_sum) + weight;
+        to->has_direct = false;
+    }
+    image_free(value);
+    image_free(error);
+    return ok;
+}
+
+/* Turns what add_whole has added up into what an estimate is read from: as if two rounds of equal length had this mean and this variance; or one, of which
+ * no variance is known. */
+static void close_whole(Render *r, bool known)
+{
+    double W = r->steps_sum;
+    r->steps_square = known ? W * W / 2 : W * W;
+    for (size_t i = 0; W > 0 && i < 3 * r->pixels; i++) {
+        double mean = r->sum[i] / W;
+        r->square[i] = W * (mean * mean + r->square[i] / (W * W));
+    }
+}
+
 Render *render_merge(const char *const *path, int n, Report *report)
 {
     Render *merged = NULL;
+    bool known = true, whole = false;
     uint64_t *seeds = malloc((size_t)n * sizeof *seeds), first = 0;
     bool ok = seeds != NULL;
     if (!ok) report_error(report, NULL, 0, "out of memory");
@@ -245,7 +284,21 @@ Render *render_merge(const char *const *path, int n, Report *report)
         if (ok) ok = (r = read_run(file, &header, path[i], report)) != NULL;
         fclose(file);
         if (!ok) break;
-        if (!merged) { merged = r; continue; }
+        known = known && (r->stats.b == 0 || r->steps_square < r->steps_sum * r->steps_sum);
+        if (!merged) {
+            merged = r;
+            whole = r->has_chain && r->has_direct;
+            if (whole) ok = add_whole(r, r) || report_error(report, NULL, 0, "out of memory");
+            continue;
+        }
+        merged->stats.chain.steps += r->stats.chain.steps;
+        merged->stats.bad_samples += r->stats.bad_samples;
+        merged->rounds += r->rounds;
+        if (whole) {
+            ok = add_whole(merged, r) || report_error(report, NULL, 0, "out of memory");
+            render_merged_free(r);
+            continue;
+        }
         double *to[] = { merged->passes.sum, merged->passes.square, merged->passes.light, merged->passes.light_square, merged->sum, merged->square };
         double *from[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square, r->sum, r->square };
         for (size_t a = 0; a < sizeof to / sizeof *to; a++) add_array(to[a], from[a], 3 * r->pixels);
@@ -255,13 +308,12 @@ Render *render_merge(const char *const *path, int n, Report *report)
         merged->steps_square += r->steps_square;
         merged->b_sum += r->b_sum;
         merged->b_variance_sum += r->b_variance_sum;
-        merged->rounds += r->rounds;
-        merged->stats.bad_samples += r->stats.bad_samples;
         render_merged_free(r);
     }
     free(seeds);
     if (ok) {
-        if (merged->steps_sum > 0) merged->stats.b = merged->b_sum / merged->steps_sum;
+        if (whole) close_whole(merged, known);
+        else if (merged->steps_sum > 0) merged->stats.b = merged->b_sum / merged->steps_sum;
         run_learn(merged);
         return merged;
     }

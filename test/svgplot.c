@@ -8,6 +8,7 @@ typedef struct {
     bool log;
     double low, high;              /* ends of the axis; logarithms on a logarithmic one */
     double begin, end;             /* where they are in the picture */
+    double step;                   /* from tick to tick */
 } Axis;
 
 /* NaN if v has no place on the axis. */
@@ -27,7 +28,7 @@ static void axis_fit(Axis *a)
 {
     if (!(a->low <= a->high)) a->low = 0, a->high = 1;                      /* nothing to show */
     if (a->low == a->high) a->low -= a->log ? 0.5 : 0.5 * fabs(a->low) + 1e-9, a->high += a->log ? 0.5 : 0.5 * fabs(a->high) + 1e-9;
-    double step = axis_step(a);
+    double step = a->step = axis_step(a);
     a->low = step * floor(a->low / step + 1e-9);
     a->high = step * ceil(a->high / step - 1e-9);
 }
@@ -57,7 +58,7 @@ static void line(FILE *out, double x1, double y1, double x2, double y2, const ch
 
 static void draw_axis(FILE *out, const Axis *a, bool upright)
 {
-    double step = axis_step(a);
+    double step = a->step;
     for (int i = 0; a->low + i * step <= a->high + 1e-6 * step; i++) {
         double value = a->low + i * step, at = axis_place(a, value);
         char label[40];
@@ -109,7 +110,7 @@ void svg_plot(FILE *out, const SvgPlot *plot)
 {
     /* Colours that are told apart with any colour vision; source: Okabe and Ito. */
     static const char *const colours[] = { "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000" };
-    Axis x = { plot->x_log, INFINITY, -INFINITY, LEFT, WIDTH - RIGHT }, y = { plot->y_log, INFINITY, -INFINITY, HEIGHT - BOTTOM, TOP };
+    Axis x = { plot->x_log, INFINITY, -INFINITY, LEFT, WIDTH - RIGHT, 1 }, y = { plot->y_log, INFINITY, -INFINITY, HEIGHT - BOTTOM, TOP, 1 };
     double first_x = NAN, first_y = NAN, at_x, at_y;
     for (int s = 0; s < plot->count; s++) {
         for (int i = 0; i < plot->series[s].count; i++) {

@@ -142,7 +142,7 @@ check 'wrong usage writes nothing' not ls ./*.pfm ./*.ppm 2>/dev/null
 expect 0 --help
 check 'help says nothing on standard error' test ! -s stderr
 for option in output size eye look up fov aperture focus mutations time error seed integrator strategies direct max-depth bootstrap chains \
-              exposure stats quiet verbose help version; do
+              exposure save resume stats quiet verbose help version; do
     check "help names --$option" grep -q -- "--$option" stdout
 done
 for word in compare bidir,lens,caustic,chain,subpath bdpt apart; do check "help names $word" grep -q -- "$word" stdout; done
@@ -345,6 +345,92 @@ for signal in TERM INT; do
         rm -f out/*
     done
 done
+
+# ---- runs on file ----
+
+# Interrupted three times and gone on with: the file of an uninterrupted run. (test/kill.sh does that at many random moments.)
+long='-q -n 4000 --bootstrap 2000 -o out/a.pfm -o out/a.error.pfm'
+expect 0 room.obj $long
+mv out/a.pfm whole.pfm
+mv out/a.error.pfm whole.error.pfm
+resume=
+for wait in 0.1 0.3 0.2; do
+    "$mlt" room.obj $long --save out/state $resume >stdout 2>stderr &
+    sleep $wait 2>/dev/null || sleep 1
+    kill -TERM $!
+    wait $!
+    # killed before it could look for signals: nothing had been done
+    status=$?
+    if [ $status -eq 143 ]; then status=0; fi
+    check "--save, interrupted: status $status" test $status -eq 0
+    [ ! -e out/state ] || resume='--resume out/state'
+done
+expect 0 room.obj $long --save out/state $resume
+check '--resume: the picture of an uninterrupted run' cmp out/a.pfm whole.pfm
+check '--resume: and its standard error' cmp out/a.error.pfm whole.error.pfm
+check '--resume: no other files' only_files a.error.pfm a.pfm state
+for options in '' '--direct chain' '--integrator path' '--integrator bdpt'; do
+    expect 0 room.obj $short $options --save out/done -o out/a.pfm
+    expect 0 room.obj $short $options --save out/done --resume out/done -o out/b.pfm
+    expect 0 room.obj $short $options --resume out/done -o out/c.pfm
+    check "a run that was done stays as it was: $options" cmp out/a.pfm out/b.pfm
+    check "and again: $options" cmp out/a.pfm out/c.pfm
+done
+rm out/?.pfm out/done
+"$mlt" room.obj $long --save out/state >stdout 2>stderr &
+sleep 0.2 2>/dev/null || sleep 1
+kill -KILL $!
+wait $! 2>/dev/null
+expect 0 merge -o out/a.pfm out/state
+check 'SIGKILL leaves the old state' cmp out/a.pfm whole.pfm
+rm -f out/*
+
+expect 0 room.obj $short --seed 1 --save out/one -o out/a.pfm
+expect 0 room.obj $short --seed 2 --save out/two -o out/a.pfm
+expect 0 room.obj $short --seed 3 --max-depth 5 --save out/short -o out/a.pfm
+expect 0 dark.obj $short --seed 4 --save out/dark -o out/a.pfm
+head -c 5000 out/one >out/half
+echo nonsense >out/nonsense
+rm out/a.pfm
+expect 0 merge -o out/m.pfm -o out/m.png -o out/m.error.pfm out/one out/two
+check 'merge: all outputs' test -s out/m.pfm -a -s out/m.png -a -s out/m.error.pfm
+expect 0 merge -o out/n.pfm out/two out/one
+expect 0 compare out/n.pfm out/m.pfm
+check 'merge: the order does not matter' between 0 1e-9 "$(sed -n 's/^relmse //p' stdout)"
+rm -f out/m.* out/n.*
+# A merged picture lies on the line between the two: its distances to them add up to theirs. Each run cuts path space for itself, the first two not alike.
+distance() { "$mlt" compare "$1" "$2" | sed -n 's/^rmse //p'; }
+for options in '2000' '100 --direct chain' '100 --direct none' '100 --integrator path' '100 --integrator bdpt'; do
+    set -- $options
+    many=$1
+    shift
+    expect 0 room.obj -q -n $((many / 20)) "$@" --seed 1 --save out/few -o out/a.pfm
+    expect 0 room.obj -q -n $many "$@" --seed 2 --save out/many -o out/b.pfm
+    expect 0 merge -o out/m.pfm out/few out/many
+    sum=$(awk "BEGIN { print ($(distance out/m.pfm out/a.pfm) + $(distance out/m.pfm out/b.pfm)) / $(distance out/a.pfm out/b.pfm) }")
+    check "merge: between the two pictures, $sum: $options" between 0.9999 1.0001 "$sum"
+    check "merge: nearer to that of more work: $options" awk "BEGIN { exit !($(distance out/m.pfm out/b.pfm) < $(distance out/m.pfm out/a.pfm)) }"
+done
+rm -f out/?.pfm out/few out/many
+refused()
+{
+    what=$1
+    shift
+    expect 1 "$@" -o out/a.pfm
+    check "$what: a message, no picture: mlt $*" test -s stderr -a ! -e out/a.pfm
+}
+refused 'the same seed' merge out/one out/two out/one
+refused 'other options' merge out/one out/short
+refused 'another scene' merge out/one out/dark
+for state in half nonsense nowhere; do
+    refused 'no whole state' merge out/two out/$state
+    refused 'no whole state' room.obj $short --resume out/$state
+done
+refused 'another seed' room.obj $short --resume out/two
+refused 'another scene' dark.obj $short --resume out/one
+refused 'other options' room.obj $short --resume out/one --max-depth 5
+expect 1 merge out/one
+rm -f out/*
 
 # ---- counters ----
 

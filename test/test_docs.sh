@@ -143,11 +143,22 @@ doc=doc/lecture.md
 doc=doc/figures.c
 mkdir "$tmp/figures"
 if ${CC:-cc} doc/figures.c -o "$tmp/draw" 2>"$tmp/cc" && "$tmp/draw" "$tmp/figures"; then
-    for figure in doc/figures/*.svg; do
-        case $figure in */metropolis1d*) continue ;; esac     # drawn by test/metropolis1d.c
-        if cmp -s "$figure" "$tmp/figures/$(basename "$figure")"; then good; else bad "does not draw $figure as it is"; fi
+    for figure in "$tmp"/figures/*.svg; do
+        if cmp -s "$figure" "doc/figures/$(basename "$figure")"; then good; else bad "does not draw doc/figures/$(basename "$figure") as it is"; fi
     done
 else bad "cannot be built or run: $(head -n 1 "$tmp/cc")"; fi
+
+# scripts are shell, and those beside the documents are named in one
+for doc in doc/*.sh test/*.sh; do
+    if sh -n "$doc" 2>"$tmp/sh"; then good; else bad "$(head -n 1 "$tmp/sh")"; fi
+    case $doc in doc/*) if grep -Fq "$doc" doc/*.md; then good; else bad 'is named in no document'; fi ;; esac
+done
+
+# every figure is shown somewhere
+for figure in doc/figures/*; do
+    doc=$figure
+    if grep -Fq "figures/$(basename "$figure"))" README.md doc/*.md; then good; else bad 'is shown in no document'; fi
+done
 
 # planted faults
 root=$tmp/root
