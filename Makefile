@@ -7,7 +7,7 @@
 #   make test        proves it right: a few minutes
 #   make stress      scenes that break renderers, three estimators in agreement: some minutes
 #   make docs-figures  the pictures of README and doc/
-#   make stress      interrupts runs at random moments: seven minutes
+#   make kill        interrupts runs at random moments: seven minutes
 #   make bench       speed of ray queries, error against time, cost against size
 #   make install     PREFIX=/usr/local, DESTDIR=
 
