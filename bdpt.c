@@ -183,7 +183,7 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
     c->n_light = n_light;
     c->n_lens = n_lens;
     c->rgb = scale(1 / total, colour);
-    c->weight = share * luminance(c->rgb) * (space->weight ? (double)space->weight[c->pixel] : 1);
+    c->weight = share * luminance(c->rgb) * (space->film ? (double)space->film[c->pixel].weight : 1);
     return c->weight > 0;
 }
 

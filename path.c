@@ -99,8 +99,8 @@ void path_finish(const Space *space, Path *p)
     p->colour = p->v[0].s.colour;
     for (int i = 1; i < p->k; i++) p->colour = mul(p->colour, p->v[i].s.colour);
     bool direct = path_is_direct(p), in = p->k <= space->max_depth && (space->direct == DIRECT_INCLUDED || direct == (space->direct == DIRECT_ONLY));
-    p->share = !in ? 0 : space->threshold ? space_share(space, p->pixel, path_traced_value(p), direct) : 1;
-    p->chi = p->share * luminance(p->colour) * (space->weight ? (double)space->weight[p->pixel] : 1);
+    p->share = !in ? 0 : space->part != WHOLE ? space_share(space, p->pixel, path_traced_value(p), direct) : 1;
+    p->chi = p->share * luminance(p->colour) * (space->film ? (double)space->film[p->pixel].weight : 1);
 }
 
 bool path_evaluate(const Space *space, Path *p)

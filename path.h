@@ -44,17 +44,24 @@ typedef struct {
 /* Which paths count. Direct are exactly L D? S* E: every vertex between x_1 and the lens is specular. */
 typedef enum { DIRECT_INCLUDED, DIRECT_EXCLUDED, DIRECT_ONLY } DirectClass;
 
-/* The space that is integrated over, and the image-plane weight of the sampler's target. */
+/* What belongs to a pixel, in one line of memory: a chain meets pixels in no order, and each is a cache miss. */
+typedef struct {
+    float weight;                  /* w of the two-stage target */
+    float threshold;               /* the largest luminance that a path tracer's estimate from one path may have, where f is divided */
+    double sum[3];                 /* recorded by the chains; not for the space */
+} Pixel;
+
+/* The integrand as a whole, or divided between a path tracer and the chains: of an indirect path whose estimate by the path tracer
+ * (path_traced_value) is above the threshold, CAPPED keeps so much that it is just that; REST is what is left of f. */
+typedef enum { WHOLE, CAPPED, REST } Part;
+
+/* The space that is integrated over. */
 typedef struct {
     const Scene *scene;
     int max_depth;                 /* longest path in edges */
     DirectClass direct;
-    const float *weight;           /* w per pixel, NULL for 1 */
-    /* The integrand divided between a path tracer and the chains: NULL, or per pixel the largest luminance that the path tracer's estimate from
-     * one path may have. Of an indirect path whose estimate would be larger (path_traced_value) it keeps so much that it is just that; the
-     * chains, whose space is 'rest', get what is left of f. */
-    const float *threshold;
-    bool rest;
+    const Pixel *film;             /* [pixels]; NULL for w = 1 and the WHOLE */
+    Part part;
 } Space;
 
 /* Copies k, ends' caches and the k+1 vertices that the path has. */
@@ -91,10 +98,10 @@ double path_traced_value(const Path *path);
 /* How much of f the space holds of a path of this value in this pixel. */
 static inline double space_share(const Space *space, uint32_t pixel, double value, bool direct)
 {
-    if (!space->threshold) return 1;
-    double most = (double)space->threshold[pixel];
-    if (value > most && !direct) return space->rest ? 1 - most / value : most / value;
-    return space->rest ? 0 : 1;
+    if (space->part == WHOLE) return 1;
+    double most = (double)space->film[pixel].threshold;
+    if (value > most && !direct) return space->part == REST ? 1 - most / value : most / value;
+    return space->part == REST ? 0 : 1;
 }
 
 /* v[i] scatters at a specular surface (never true at the ends). */

@@ -53,9 +53,10 @@ Render *render_new(const Scene *scene, const Settings *settings)
     if (r->has_direct) ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.count = calloc(scene->camera.height, 4));
     if (settings->integrator == INTEGRATOR_BDPT) ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)
-        ok = ok && (r->film = calloc(doubles, 8)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8)) && (r->weight = malloc(r->pixels * sizeof *r->weight));
-    if (r->has_chain && r->has_direct) ok = ok && (r->threshold = calloc(r->pixels, sizeof *r->threshold));
+        ok = ok && (r->film = aligned_alloc(sizeof *r->film, r->pixels * sizeof *r->film)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8));
     if (!ok) { render_free(r); return NULL; }
+    for (size_t i = 0; r->has_chain && i < r->pixels; i++) r->film[i] = (Pixel){ .weight = 1 };
+    r->chain_space.film = r->direct_space.film = r->film;
     r->sampler = sampler_for(scene, settings->strategies);
     r->direct_share = 0.2;
     r->rate = 1e6;
@@ -69,7 +70,7 @@ void render_free(Render *r)
 {
     if (!r) return;
     bdpt_free(r->bdpt);
-    void *owned[] = { r->x, r->y, r->passes.sum, r->passes.square, r->passes.count, r->passes.light, r->passes.light_square, r->film, r->sum, r->square, r->weight, r->threshold, r };
+    void *owned[] = { r->x, r->y, r->passes.sum, r->passes.square, r->passes.count, r->passes.light, r->passes.light_square, r->film, r->sum, r->square, r };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
 }
 
@@ -144,7 +145,7 @@ static Estimate estimate(const Render *r, size_t i)
     }
     double steps = r->steps_sum + r->round.steps;
     if (r->has_chain && steps > 0) {
-        e.chain = (r->sum[i] + r->round.b * (double)r->pixels * r->film[i]) / steps;
+        e.chain = (r->sum[i] + r->round.b * (double)r->pixels * r->film[i / 3].sum[i % 3]) / steps;
         e.value += e.chain;
         double share = r->steps_sum > 0 ? r->steps_square / (r->steps_sum * r->steps_sum) : 1;
         if (share < 1) {
@@ -189,11 +190,12 @@ static float mean5(const float v[5]) { return (v[0] + v[1] + v[2] + v[3] + v[4])
 
 /* The picture's brightness without its outliers, a mean over channels: the median of the surroundings, or, for small features, the mean of so much of
  * nearby values as lies above their standard errors. By a plain mean one firefly would starve its surroundings of chains and so beget
- * others. False if memory runs out. */
-static bool typical_brightness(const Render *r, float *out)
+ * others. *mean receives that of the picture. False if memory runs out. */
+static bool typical_brightness(const Render *r, float *out, double *mean)
 {
     float *safe = malloc(r->pixels * sizeof *safe), *work = malloc(r->pixels * sizeof *work);
     bool ok = safe && work;
+    *mean = 0;
     if (ok) {
         for (size_t pixel = 0; pixel < r->pixels; pixel++) {
             double value = 0, error = 0;
@@ -202,6 +204,7 @@ static bool typical_brightness(const Render *r, float *out)
                 value += e.value / 3;
                 error += sqrt(e.sampled_variance + e.chain_variance) / 3;
             }
+            *mean += value / (double)r->pixels;
             out[pixel] = (float)value;
             safe[pixel] = (float)fmax(0, value - error);
         }
@@ -224,17 +227,12 @@ static double best_share(double error, uint64_t rays, double other_error, uint64
 /* After a round: the estimated relMSE, the shares of rays that direct light and bootstrap should have, and the two-stage weight. */
 void run_learn(Render *r)
 {
-    Image *picture = image_new(r->scene->camera.width, r->scene->camera.height);
     float *local = malloc(r->pixels * sizeof *local);
-    if (picture) render_image(r, picture);
-    if (!picture || !local || !typical_brightness(r, local)) {       /* goes on with what it knew */
-        image_free(picture);
+    double mean, sampled = 0, chain = 0, chain_energy = 0;   /* the last three relative to the picture, summed over values */
+    if (!local || !typical_brightness(r, local, &mean)) {    /* goes on with what it knew */
         free(local);
         return;
     }
-    double mean = 0, sampled = 0, chain = 0, chain_energy = 0;   /* the last three relative to the picture, summed over values */
-    for (size_t i = 0; i < 3 * r->pixels; i++) mean += (double)picture->rgb[i];
-    mean /= 3 * (double)r->pixels;
     if (mean > 0) {
         for (size_t pixel = 0; pixel < r->pixels; pixel++) {
             double typical = (double)local[pixel];
@@ -247,8 +245,8 @@ void run_learn(Render *r)
                 chain_energy += e.chain * e.chain / relative_to;
             }
             /* pixels in proportion to their relative error: w ~ 1/picture, floored so that none starves */
-            if (r->has_chain) r->weight[pixel] = (float)(mean / (typical + 0.05 * mean));
-            if (r->threshold && !r->chain_space.threshold) r->threshold[pixel] = (float)(typical + 0.05 * mean);   /* survey scales it */
+            if (r->has_chain) r->film[pixel].weight = (float)(mean / (typical + 0.05 * mean));
+            if (r->has_chain && r->chain_space.part == WHOLE) r->film[pixel].threshold = (float)(typical + 0.05 * mean);   /* survey scales it */
         }
         double values = 3 * (double)r->pixels;
         bool known = !r->has_chain || r->stats.b == 0 || r->steps_square < r->steps_sum * r->steps_sum;
@@ -260,9 +258,7 @@ void run_learn(Render *r)
             double relative_b = r->b_variance_sum / (r->b_sum * r->b_sum), by_b = relative_b * chain_energy;
             r->start_share = best_share(by_b, r->stats.start_rays, fmax(chain - by_b, 0.1 * chain), r->stats.chain_rays, 2);
         }
-        if (r->has_chain) r->chain_space.weight = r->weight;
     } else if (!r->has_chain || r->stats.bootstrap_hits == 0) r->relative_error = 0;     /* black, and nothing says that it should not be */
-    image_free(picture);
     free(local);
 }
 
@@ -281,13 +277,18 @@ void render_error_image(const Render *r, Image *image)
 
 /* ---- chains ---- */
 
+static void clear_film(Render *r)
+{
+    for (size_t i = 0; i < r->pixels; i++) memset(r->film[i].sum, 0, sizeof r->film[i].sum);
+}
+
 static void splat_path(void *context, const Path *path, double weight)
 {
     Render *r = context;
-    double *film = r->film + 3 * (size_t)path->pixel, scale = weight * path->share / path->chi;
-    film[0] += scale * path->colour.x;
-    film[1] += scale * path->colour.y;
-    film[2] += scale * path->colour.z;
+    double *sum = r->film[path->pixel].sum, scale = weight * path->share / path->chi;
+    sum[0] += scale * path->colour.x;
+    sum[1] += scale * path->colour.y;
+    sum[2] += scale * path->colour.z;
 }
 
 /* How many chains share a round's steps: as many as its bootstrap is likely to have seeds that are worth one, for chains from the same heavy
@@ -355,7 +356,7 @@ static bool run_round(Render *r)
         round->b_variance = boot.b_variance;
         round->chains = chain_number(r);
         r->seeds_per_sample = effective_seeds(&boot);
-        memset(r->film, 0, 3 * r->pixels * sizeof *r->film);
+        clear_film(r);
         r->stats.bad_samples += boot.bad;
         r->stats.bootstrap_samples += boot.n;
         r->stats.bootstrap_hits += boot.hits;
@@ -401,7 +402,7 @@ void run_close_chains(Render *r)
     if (n > 0) {
         double scale = r->round.b * (double)r->pixels / n;
         for (size_t i = 0; i < 3 * r->pixels; i++) {
-            double value = scale * r->film[i];
+            double value = scale * r->film[i / 3].sum[i % 3];
             r->sum[i] += n * value;
             r->square[i] += n * value * value;
         }
@@ -417,19 +418,19 @@ void run_close_chains(Render *r)
 void run_divide(Render *r)
 {
     r->direct_space.direct = DIRECT_INCLUDED;
-    r->direct_space.threshold = r->chain_space.threshold = r->threshold;
-    r->chain_space.rest = true;
+    r->direct_space.part = CAPPED;
+    r->chain_space.part = REST;
 }
 
 /* For each tau: the share of the picture that is left to the chains, and the second moment of the path tracer's capped estimate, both relative to
  * the picture and summed over samples. The moment twice: of samples of the path tracer ('one' collects one sample), which knows how paths of
  * one sample go together, and from bidirectional samples path by path, which knows what the path tracer finds too rarely. */
-typedef struct { const float *picture; double indirect, left[CUTS], expected_moment[CUTS], moment[CUTS], one[CUTS]; } Survey;
+typedef struct { const Pixel *film; double indirect, left[CUTS], expected_moment[CUTS], moment[CUTS], one[CUTS]; } Survey;
 
 static void survey_candidate(void *context, const Candidate *c)
 {
     Survey *s = context;
-    double picture = (double)s->picture[c->pixel], share = luminance(c->rgb) / picture, value = c->traced / picture;
+    double picture = (double)s->film[c->pixel].threshold, share = luminance(c->rgb) / picture, value = c->traced / picture;
     if (!isfinite(share)) return;
     if (!c->direct) s->indirect += share;
     double tau = ldexp(1, FIRST_CUT);
@@ -443,7 +444,7 @@ static void survey_candidate(void *context, const Candidate *c)
 static void survey_traced(void *context, const Candidate *c)
 {
     Survey *s = context;
-    double picture = (double)s->picture[c->pixel], share = luminance(c->rgb) / picture, value = c->traced / picture;
+    double picture = (double)s->film[c->pixel].threshold, share = luminance(c->rgb) / picture, value = c->traced / picture;
     if (!isfinite(share) || !(share > 0)) return;
     double tau = ldexp(1, FIRST_CUT);
     for (int i = 0; i < CUTS; i++, tau *= 2) s->one[i] += share * (c->direct || value <= tau ? 1 : tau / value);
@@ -455,7 +456,7 @@ static void survey_traced(void *context, const Candidate *c)
 static void survey(Render *r)
 {
     const Camera *camera = &r->scene->camera;
-    Survey s = { .picture = r->threshold };
+    Survey s = { .film = r->film };
     Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED };
     Rng rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) - 1);
     uint64_t *rays = r->scene->rays, before;
@@ -479,7 +480,7 @@ static void survey(Render *r)
             r->direct_share = path / rest;
         }
     }
-    for (size_t i = 0; i < r->pixels; i++) r->threshold[i] = (float)(tau * (double)r->threshold[i]);
+    for (size_t i = 0; i < r->pixels; i++) r->film[i].threshold = (float)(tau * (double)r->film[i].threshold);
     if (!(r->direct_share < 50)) r->direct_share = 50;
 }
 
@@ -489,14 +490,14 @@ static void end_pilot(Render *r)
     size_t bytes = 3 * r->pixels * sizeof(double);
     memset(r->sum, 0, bytes);
     memset(r->square, 0, bytes);
-    memset(r->film, 0, bytes);
+    clear_film(r);
     r->steps_sum = r->steps_square = r->b_sum = r->b_variance_sum = 0;
     r->seeds_per_sample = 0;
     r->relative_error = NAN;
     r->stats.bootstrap_samples = r->stats.bootstrap_hits = 0;
     r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };
     r->stats.b = 0;
-    if (r->threshold) {
+    if (r->has_direct) {
         survey(r);
         run_divide(r);
     }

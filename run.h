@@ -33,9 +33,8 @@ struct Render {
     Path *x, *y;
     Passes passes;
     /* chains: this round's splats, and over finished rounds the sum of steps * picture and of steps * picture^2 */
-    double *film, *sum, *square;   /* [pixels][3] */
-    float *weight;                 /* two-stage w */
-    float *threshold;              /* that divide the integrand: see Space; NULL if it is not divided */
+    Pixel *film;                   /* [pixels] */
+    double *sum, *square;          /* [pixels][3] */
     double steps_sum, steps_square;/* over finished rounds: of steps, and of steps^2 */
     double b_sum, b_variance_sum;  /* over rounds: of steps * b, and of steps^2 * variance of b */
     Round round;

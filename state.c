@@ -90,20 +90,17 @@ static void pass_path(Stream *s, Path *x, const Mesh *mesh)
 static void pass_state(Stream *s, Render *r)
 {
     size_t doubles = 3 * r->pixels * sizeof(double);
-    double *arrays[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square, r->film, r->sum, r->square };
+    double *arrays[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square, r->sum, r->square };
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) pass_array(s, arrays[i], doubles);
     pass_array(s, r->passes.count, r->scene->camera.height * sizeof *r->passes.count);
-    pass_array(s, r->weight, r->pixels * sizeof *r->weight);
+    pass_array(s, r->film, r->pixels * sizeof *r->film);
     pass(s, &r->passes.rows, sizeof r->passes.rows);
     pass(s, &r->passes.rays, sizeof r->passes.rays);
     pass(s, r->scene->rays, sizeof *r->scene->rays);
     double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share, &r->samples_per_step, &r->seeds_per_sample, &r->relative_error };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
-    pass_array(s, r->threshold, r->pixels * sizeof *r->threshold);
-    uint64_t weighted = r->chain_space.weight != NULL, divided = r->chain_space.threshold != NULL;
-    pass(s, &weighted, sizeof weighted);
+    uint64_t divided = r->chain_space.part != WHOLE;
     pass(s, &divided, sizeof divided);
-    if (weighted) r->chain_space.weight = r->weight;
     if (divided && !s->write) run_divide(r);
     pass(s, &r->round, sizeof r->round);
     pass(s, &r->rounds, sizeof r->rounds);

@@ -167,7 +167,7 @@ static inline void ref_path(const Space *space, const Path *x, Fault fault, RefP
         all *= r->v[i].s.F * (i < k ? r->v[i].G : 1);
         for (int j = 0; j < 3; j++) rgb[j] *= r->v[i].s.f[j] * (i < k ? r->v[i].G : 1);
     }
-    Real weight = space->weight ? (Real)space->weight[(uint32_t)r->raster_y * camera->width + (uint32_t)r->raster_x] : 1;
+    Real weight = space->film ? (Real)space->film[(uint32_t)r->raster_y * camera->width + (uint32_t)r->raster_x].weight : 1;
     r->target = weight * (0.2126L * rgb[0] + 0.7152L * rgb[1] + 0.0722L * rgb[2]);
     r->chi = r->passes ? r->target / all : 0;
     if (!r->passes) r->target = 0;

@@ -277,15 +277,16 @@ static Group traced_group(const Space *space, int per_pixel)
 /* The integrand divided at thresholds that have nothing to do with the picture: both parts make up the whole. */
 static void test_divided(void)
 {
-    static float threshold[FILM * FILM];
-    for (int i = 0; i < FILM * FILM; i++) threshold[i] = 0.02f * (float)(1 + i % 7);
+    static Pixel film[FILM * FILM];
+    for (int i = 0; i < FILM * FILM; i++) film[i] = (Pixel){ .weight = 1, .threshold = 0.02f * (float)(1 + i % 7) };
     Scene scene;
     int depth = 6, n = (int)(100 * factor);
     if (!load(&scene, "scenes/cornell.obj")) return;
     printf("scenes/cornell.obj divided\n");
     Space whole = { .scene = &scene, .max_depth = depth, .direct = DIRECT_INCLUDED }, capped = whole, rest = whole;
-    capped.threshold = rest.threshold = threshold;
-    rest.rest = true;
+    capped.film = rest.film = film;
+    capped.part = CAPPED;
+    rest.part = REST;
     rest.direct = DIRECT_EXCLUDED;
     Sampler sampler = sampler_for(&scene, ~0u);
     uint64_t bootstrap = (uint64_t)(20000 * factor), chains = (uint64_t)(1000 * factor);

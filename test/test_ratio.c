@@ -211,7 +211,7 @@ typedef struct {
     Bdpt *bdpt;
     Bootstrap boot;
     Sampler sampler;
-    float *weight;
+    Pixel *film;
     bool lit;
 } Stage;
 
@@ -224,10 +224,10 @@ static bool stage_open(Stage *stage, const char *path, DirectClass direct, bool 
     stage->space = (Space){ .scene = &stage->scene, .max_depth = MAX_DEPTH, .direct = direct };
     if (weighted) {            /* any positive numbers will do: a two-stage weight */
         size_t n = (size_t)stage->scene.camera.width * stage->scene.camera.height;
-        stage->weight = malloc(n * sizeof *stage->weight);
+        stage->film = calloc(n, sizeof *stage->film);
         Rng rng = rng_new(9, 9);
-        for (size_t i = 0; i < n; i++) stage->weight[i] = (float)(0.5 + 2 * rng_double(&rng));
-        stage->space.weight = stage->weight;
+        for (size_t i = 0; i < n; i++) stage->film[i].weight = (float)(0.5 + 2 * rng_double(&rng));
+        stage->space.film = stage->film;
     }
     stage->bdpt = bdpt_new();
     stage->sampler = sampler_for(&stage->scene, 31);
@@ -239,7 +239,7 @@ static void stage_close(Stage *stage)
 {
     if (stage->boot.sum) bootstrap_free(&stage->boot);
     bdpt_free(stage->bdpt);
-    free(stage->weight);
+    free(stage->film);
     scene_free(&stage->scene);
 }
 
