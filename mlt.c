@@ -73,15 +73,40 @@ bool bootstrap_seed(const Bootstrap *s, const Space *space, Bdpt *bdpt, double u
     return p.found && bdpt_path(bdpt, space, p.chosen.n_light, p.chosen.n_lens, x);
 }
 
+enum { SHORTEST_STEP = -3, LONGEST_STEP = 1 };    /* powers of 2 */
+
+static void set_steps(Tuning *t, double r1, double r2, double theta1, double theta2)
+{
+    t->r2 = larger(r2, 2 * r1);
+    t->log_r = log(r1 / t->r2);
+    t->theta2 = theta2;
+    t->log_theta = log(theta1 / theta2);
+}
+
+/* pi r2^2 is 5 % of the film [Veach ch. 11]. */
+static double film_step(const Scene *scene) { return sqrt(0.05 * scene->camera.width * scene->camera.height / PI); }
+static const double FILM_LEAST = 0.1, TURN_LEAST = 1e-4, TURN_MOST = 0.1;
+
 Sampler sampler_for(const Scene *scene, unsigned allowed)
 {
-    double pixels = (double)scene->camera.width * scene->camera.height;
-    Sampler s = { .table = mutation_table, .rows = MUTATIONS };
-    double r1 = 0.1, r2 = larger(2 * r1, sqrt(0.05 * pixels / PI)), theta1 = 1e-4, theta2 = 0.1;
-    s.tuning = (Tuning){ .p_d2_importance = 0.5, .light_scale = 1, .r2 = r2, .log_r = log(r1 / r2), .theta2 = theta2, .log_theta = log(theta1 / theta2) };
+    Sampler s = { .table = mutation_table, .rows = MUTATIONS, .tuning = { .p_d2_importance = 0.5, .light_scale = 1 } };
+    set_steps(&s.tuning, FILM_LEAST, film_step(scene), TURN_LEAST, TURN_MOST);
     for (int i = 0; i < MUTATIONS; i++)
         if (allowed >> i & 1 && (scene->has_specular || !mutation_table[i].needs_specular)) s.share[i] = mutation_table[i].share;
     return s;
+}
+
+void sampler_tune(Sampler *s, const Scene *scene, const ChainCount *count)
+{
+    double r2 = s->tuning.r2, theta2 = s->tuning.theta2;
+    for (int i = 0; i < s->rows; i++) {
+        double tried = (double)(count->row[i].proposed - count->row[i].zero), accepted = (double)count->row[i].accepted / tried;
+        if (tried < 200) continue;
+        double factor = accepted > 0.7 ? 2 : accepted < 0.35 ? 0.5 : 1;
+        if (s->table[i].step == STEP_FILM) r2 = fmin(fmax(factor * r2, ldexp(film_step(scene), SHORTEST_STEP)), ldexp(film_step(scene), LONGEST_STEP));
+        if (s->table[i].step == STEP_TURN) theta2 = fmin(fmax(factor * theta2, ldexp(TURN_MOST, SHORTEST_STEP)), ldexp(TURN_MOST, LONGEST_STEP));
+    }
+    set_steps(&s->tuning, FILM_LEAST, r2, TURN_LEAST, theta2);
 }
 
 /* Shares of the rows that apply to x; returns their sum. */

@@ -44,6 +44,10 @@ typedef struct {
     struct { uint64_t proposed, accepted, zero, outcome[OUTCOMES]; } row[MUTATIONS];
 } ChainCount;
 
+/* Longer steps where nearly all that could be accepted were, shorter ones where few were: by a factor of 2, within a factor of 2 above and 8 below
+ * the steps of sampler_for. For a pilot whose states are thrown away: a chain's own steps must not depend on its past. */
+void sampler_tune(Sampler *sampler, const Scene *scene, const ChainCount *count);
+
 /* Runs a chain of 'steps' mutations from x and leaves its last state there, so that it can go on; y is work space. Records every state with the weights of expected values: their sum is 'steps'.
  * record(context, path, weight): the path's share of the picture is weight * colour / chi. */
 void chain_run(const Space *space, const Sampler *sampler, Path *x, Path *y, uint64_t steps, Rng *rng,

@@ -40,6 +40,9 @@ typedef struct {
     int first, last;
 } Move;
 
+/* The constant that scales a row's steps, so that a pilot can tune it by how many of them are accepted. */
+typedef enum { STEP_NONE, STEP_FILM, STEP_TURN } StepKind;
+
 typedef struct {
     const char *name;
     double share;              /* how often the row is chosen, against the others that apply */
@@ -48,6 +51,7 @@ typedef struct {
     bool (*applies)(const Space *space, const Path *x);
     /* Proposes. y need not be complete unless PROPOSED comes back. */
     Outcome (*propose)(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move);
+    StepKind step;
 } Mutation;
 
 enum { MUTATIONS = 5 };

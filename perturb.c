@@ -177,9 +177,9 @@ static Outcome subpath_propose(const Space *space, const Tuning *tuning, const P
 }
 
 const Mutation mutation_table[MUTATIONS] = {
-    { "bidir", 1, false, bidir_applies, bidir_propose },
-    { "lens", 3, false, lens_applies, lens_propose },
-    { "caustic", 3, true, caustic_applies, caustic_propose },
-    { "chain", 3, true, chain_applies, lens_propose },
-    { "subpath", 1, false, lens_applies, subpath_propose },
+    { "bidir", 1, false, bidir_applies, bidir_propose, STEP_NONE },
+    { "lens", 3, false, lens_applies, lens_propose, STEP_FILM },
+    { "caustic", 3, true, caustic_applies, caustic_propose, STEP_TURN },
+    { "chain", 3, true, chain_applies, lens_propose, STEP_NONE },
+    { "subpath", 1, false, lens_applies, subpath_propose, STEP_NONE },
 };

@@ -390,8 +390,8 @@ static bool run_round(Render *r)
     double seconds = clock_now() - began;
     r->stats.seconds_chain += seconds;
     if (round->steps > steps_before) r->rate = (round->steps - steps_before) / fmax(1e-6, seconds);
-    if (r->stats.chain_rays > 0 && r->stats.chain.steps > 0)
-        r->samples_per_step = (double)r->stats.chain_rays / (double)r->stats.chain.steps * (double)r->stats.bootstrap_samples / (double)r->stats.start_rays;
+    if (r->stats.chain_rays > 0)
+        r->samples_per_step = (double)r->stats.chain_rays / (r->steps_sum + round->steps) * (double)r->stats.bootstrap_samples / (double)r->stats.start_rays;
     return true;
 }
 
@@ -495,7 +495,6 @@ static void end_pilot(Render *r)
     r->seeds_per_sample = 0;
     r->relative_error = NAN;
     r->stats.bootstrap_samples = r->stats.bootstrap_hits = 0;
-    r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };
     r->stats.b = 0;
     if (r->has_direct) {
         survey(r);
@@ -539,6 +538,10 @@ static bool run_chains(Render *r)
         r->stats.seconds_direct += clock_now() - start;
         if (!going(r)) break;
         run_learn(r);
+        if (r->rounds <= PILOTS) {
+            sampler_tune(&r->sampler, r->scene, &r->stats.chain);
+            r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };
+        }
         if (r->rounds == PILOTS) end_pilot(r);
         r->round.phase = PLAN;
         if (s->error > 0 && r->rounds > PILOTS + 3 && r->relative_error <= s->error) break;

@@ -102,6 +102,7 @@ static void pass_state(Stream *s, Render *r)
     uint64_t divided = r->chain_space.part != WHOLE;
     pass(s, &divided, sizeof divided);
     if (divided && !s->write) run_divide(r);
+    pass(s, &r->sampler.tuning, sizeof r->sampler.tuning);
     pass(s, &r->round, sizeof r->round);
     pass(s, &r->rounds, sizeof r->rounds);
     pass(s, &r->stats, sizeof r->stats);
