@@ -6,6 +6,7 @@
  * under the importance p_d2; the slides' tables; the slides' Examples 1 and 2 term by term; cached terms against fresh ones; and that proposals
  * are distributed as T says. Every comparison is also shown faults that it must see. Fixed seeds, nothing is tried twice. Run from the project's root. */
 #include "check.h"
+#include "fresh.h"
 #include "reference.h"
 #include "mlt.h"
 #include <stdlib.h>
@@ -141,40 +142,6 @@ static void compare(const Space *space, const Sampler *sampler, const char *row,
     }
 }
 
-/* Largest relative difference of the cached terms from those that path_evaluate makes anew. */
-static double difference_of_caches(const Space *space, const Path *x)
-{
-    Path *fresh = &path_store[2];
-    path_copy(fresh, x);
-    for (int i = 0; i <= x->k; i++) {
-        fresh->v[i].s = (Scatter){ { NAN, NAN, NAN }, NAN, NAN, NAN, NAN };
-        fresh->v[i].to_lens = vec3(NAN, NAN, NAN);
-        fresh->v[i].inv_G = NAN;
-    }
-    fresh->chi = fresh->light_pdf_a = NAN;
-    fresh->colour = vec3(NAN, NAN, NAN);
-    if (!path_evaluate(space, fresh)) return INFINITY;
-    double worst = relative(fresh->chi, x->chi);
-    worse(&worst, relative(fresh->light_pdf_a, x->light_pdf_a));
-    worse(&worst, length(sub(fresh->colour, x->colour)));
-    worse(&worst, fresh->pixel == x->pixel ? 0 : 1);
-    worse(&worst, relative(fresh->raster_x, x->raster_x));
-    worse(&worst, relative(fresh->raster_y, x->raster_y));
-    for (int i = 0; i <= x->k; i++) {
-        const Vertex *a = &fresh->v[i], *b = &x->v[i];
-        if (i > 0) worse(&worst, relative(a->s.inv_S_light, b->s.inv_S_light));
-        if (i < x->k) worse(&worst, relative(a->s.inv_S_lens, b->s.inv_S_lens));
-        worse(&worst, relative(a->s.inv_F, b->s.inv_F));
-        if (i > 0 && i < x->k) worse(&worst, relative(a->s.q, b->s.q));
-        worse(&worst, length(sub(a->s.colour, b->s.colour)));
-        if (i < x->k) {
-            worse(&worst, relative(a->inv_G, b->inv_G));
-            worse(&worst, length(sub(a->to_lens, b->to_lens)));
-        }
-    }
-    return worst;
-}
-
 /* Chains of 'steps' proposals from seeds, until 'proposals' have been compared; the rows of the table in turn. The chain need only move, so
  * no probabilities of choosing rows enter. worst[MUTATIONS] */
 static void run_chains(const Space *space, const Sampler *sampler, const Bootstrap *boot, Bdpt *bdpt, uint64_t proposals, uint64_t seed, Worst *worst)
@@ -197,7 +164,7 @@ static void run_chains(const Space *space, const Sampler *sampler, const Bootstr
             if (rng_double(&rng) >= a) continue;
             worst[row].accepted++;
             path_copy(x, y);
-            worse(&worst[row].fresh, difference_of_caches(space, x));
+            worse(&worst[row].fresh, fresh_difference(space, &sampler->tuning, x, &path_store[2]));
         }
     }
 }
