@@ -47,7 +47,10 @@ static inline double chain_cosine(const Space *s, const Path *x)
     return product;
 }
 
-/* ---- the choice of strategy left out of the ratio, for a sampler with all rows of mutation_table at their shares ---- */
+/* ---- the choice of strategy left out of the ratio ---- */
+
+/* For a sampler with all rows of mutation_table at their shares. The rows but the bidirectional one keep the pattern of specular vertices on which the
+ * choice depends, so that q cancels there: */
 
 static inline double all_choices(const Space *space, const Path *x)
 {
@@ -56,6 +59,10 @@ static inline double all_choices(const Space *space, const Path *x)
         if (mutation_table[i].applies(space, x)) sum += mutation_table[i].share;
     return sum;
 }
+/* they are tested beside a row that applies on the film's left half alone, which is as right as any: shares of 1 for the row, 1/4 for bidir, 4 for this. */
+static const double left_share = 4, beside_share = 0.25;
+static inline bool left_applies(const Space *space, const Path *x) { return 2 * x->raster_x < space->scene->camera.width; }
+static inline double left_choices(const Space *space, const Path *x) { return 1 + beside_share + (left_applies(space, x) ? left_share : 0); }
 
 #define FAULT_ROW(name, row, g) \
     static inline Outcome name(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move) \
@@ -66,6 +73,10 @@ FAULT_ROW(chain_drawn, CHAIN, lens_q)
 FAULT_ROW(caustic_no_cosine, CAUSTIC, caustic_cosine)
 FAULT_ROW(chain_no_cosine, CHAIN, chain_cosine)
 FAULT_ROW(bidir_no_choice, BIDIR, all_choices)
+FAULT_ROW(lens_no_choice, LENS, left_choices)
+FAULT_ROW(caustic_no_choice, CAUSTIC, left_choices)
+FAULT_ROW(chain_no_choice, CHAIN, left_choices)
+FAULT_ROW(subpath_no_choice, SUBPATH, left_choices)
 
 /* ---- a factor left out of S, as if bsdf_scatter had forgotten it ---- */
 
@@ -185,6 +196,56 @@ static inline Outcome bidir_no_p_d2(const Space *space, const Tuning *tuning, co
     move->R_xy *= move->p_d2_y;
     return PROPOSED;
 }
+
+/* ---- a = f(y)/f(x): T left out ---- */
+
+/* f*; vertices and edges that both paths share cancel in the ratio. */
+static inline double target(const Path *x)
+{
+    double f = x->chi;
+    for (int i = 0; i <= x->k; i++) {
+        const Scatter *s = &x->v[i].s;
+        f /= (path_specular(x, i) ? s->inv_S_light / s->q : s->inv_F) * (i < x->k ? x->v[i].inv_G : 1);
+    }
+    return f;
+}
+static inline Outcome f_alone(int row, const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
+{
+    Outcome outcome = mutation_table[row].propose(space, tuning, x, y, rng, move);
+    if (outcome != PROPOSED) return outcome;
+    move->R_yx = target(y);
+    move->R_xy = target(x);
+    return PROPOSED;
+}
+
+/* ---- 'the chain is stuck, so let it go': after TIRED rejections what is proposed is accepted whatever the ratio ---- */
+
+enum { TIRED = 3 };
+static inline Outcome forced(int row, const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
+{
+    static double stuck_chi, stuck_x, stuck_y;     /* of the path that rejects; there is one chain at a time */
+    static int stuck_for;
+    bool same = stuck_chi == x->chi && stuck_x == x->raster_x && stuck_y == x->raster_y;
+    stuck_for = same ? stuck_for + 1 : 0;
+    stuck_chi = x->chi;
+    stuck_x = x->raster_x;
+    stuck_y = x->raster_y;
+    Outcome outcome = mutation_table[row].propose(space, tuning, x, y, rng, move);
+    if (outcome == PROPOSED && stuck_for >= TIRED) {
+        move->R_yx = 1e12;
+        move->R_xy = 1;
+    }
+    return outcome;
+}
+
+#define FAULT_ROWS(fault) \
+    static inline Outcome fault##_bidir(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(BIDIR, s, t, x, y, r, m); } \
+    static inline Outcome fault##_lens(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(LENS, s, t, x, y, r, m); } \
+    static inline Outcome fault##_caustic(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(CAUSTIC, s, t, x, y, r, m); } \
+    static inline Outcome fault##_chain(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(CHAIN, s, t, x, y, r, m); } \
+    static inline Outcome fault##_subpath(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(SUBPATH, s, t, x, y, r, m); }
+FAULT_ROWS(f_alone)
+FAULT_ROWS(forced)
 
 /* ---- steps in proportion to the path, and nobody asks whether the way back lies in the range there ---- */
 
