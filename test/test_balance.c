@@ -374,7 +374,7 @@ int main(int argc, char **argv)
 {
     if (argc > 1) factor = atof(argv[1]);
     if (argc > 2) seed = (uint64_t)atoi(argv[2]);
-    z_limit = balance_limit(COMPARISONS, FALSE_ALARM);
+    z_limit = chance_limit(COMPARISONS, FALSE_ALARM);
     test_rows();
     test_faults();
     test_bootstrap();

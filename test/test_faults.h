@@ -2,10 +2,8 @@
  * spoil what a path has cached work on copies. Every statistical test of the rows is shown what it must catch. */
 #ifndef TEST_FAULTS_H
 #define TEST_FAULTS_H
-#include "mutate.h"
+#include "audit.h"
 #include <string.h>
-
-enum { BIDIR, LENS, CAUSTIC, CHAIN, SUBPATH };     /* rows of mutation_table */
 
 /* Multiplies R(y|x) by g(y) and R(x|y) by g(x). */
 static inline Outcome fault_factor(int row, double (*g)(const Space *, const Path *), const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
@@ -164,21 +162,15 @@ static inline Outcome bidir_one_way(const Space *space, const Tuning *tuning, co
     return PROPOSED;
 }
 /* p_a1 as the slides have it, not normalised again where k_max or 1 cuts it */
-static inline double raw_p_a1(int k_d, int k_a)
-{
-    int d = k_a > k_d ? k_a - k_d : k_d - k_a;
-    return d == 0 ? 0.5 : d == 1 ? 0.15 : 0.1 * ldexp(1, 1 - d);
-}
 static inline Outcome bidir_raw_p_a1(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
 {
     Outcome outcome = bidir_propose(space, tuning, x, y, rng, move);
     if (outcome != PROPOSED) return outcome;
-    move->R_yx *= move->p_a1_x / raw_p_a1(move->k_d, move->k_a);
-    move->R_xy *= move->p_a1_y / raw_p_a1(move->k_a, move->k_d);
+    move->R_yx *= move->p_a1_x / raw_p_a1(move->k_a - move->k_d);
+    move->R_xy *= move->p_a1_y / raw_p_a1(move->k_d - move->k_a);
     return PROPOSED;
 }
 /* p_d1 likewise */
-static inline double raw_p_d1(int k_d) { return k_d == 1 ? 0.25 : k_d == 2 ? 0.5 : ldexp(1, -k_d); }
 static inline Outcome bidir_raw_p_d1(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
 {
     Outcome outcome = bidir_propose(space, tuning, x, y, rng, move);
@@ -203,10 +195,7 @@ static inline Outcome bidir_no_p_d2(const Space *space, const Tuning *tuning, co
 static inline double target(const Path *x)
 {
     double f = x->chi;
-    for (int i = 0; i <= x->k; i++) {
-        const Scatter *s = &x->v[i].s;
-        f /= (path_specular(x, i) ? s->inv_S_light / s->q : s->inv_F) * (i < x->k ? x->v[i].inv_G : 1);
-    }
+    for (int i = 0; i <= x->k; i++) f *= value_F(x, i) / (i < x->k ? x->v[i].inv_G : 1);
     return f;
 }
 static inline Outcome f_alone(int row, const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
