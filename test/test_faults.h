@@ -47,9 +47,7 @@ static inline double chain_cosine(const Space *s, const Path *x)
 
 /* ---- the choice of strategy left out of the ratio ---- */
 
-/* For a sampler with all rows of mutation_table at their shares. The rows but the bidirectional one keep the pattern of specular vertices on which the
- * choice depends, so that q cancels there: */
-
+/* For a sampler with all rows of mutation_table at their shares. */
 static inline double all_choices(const Space *space, const Path *x)
 {
     double sum = 0;
@@ -57,7 +55,8 @@ static inline double all_choices(const Space *space, const Path *x)
         if (mutation_table[i].applies(space, x)) sum += mutation_table[i].share;
     return sum;
 }
-/* they are tested beside a row that applies on the film's left half alone, which is as right as any: shares of 1 for the row, 1/4 for bidir, 4 for this. */
+/* The rows but bidir keep the pattern of specular vertices, on which alone the choice depends: q cancels, and nothing would show. So they are tested
+ * beside a row that applies on the film's left half only, which is as right as any: shares of 1 for the row, 1/4 for bidir, 4 for that one. */
 static const double left_share = 4, beside_share = 0.25;
 static inline bool left_applies(const Space *space, const Path *x) { return 2 * x->raster_x < space->scene->camera.width; }
 static inline double left_choices(const Space *space, const Path *x) { return 1 + beside_share + (left_applies(space, x) ? left_share : 0); }
