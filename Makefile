@@ -8,6 +8,7 @@
 #   make stress      scenes that break renderers, three estimators in agreement: some minutes
 #   make docs-figures  the pictures of README and doc/
 #   make kill        interrupts runs at random moments: seven minutes
+#   make drift       one chain of 1e9 mutations: twenty minutes
 #   make bench       speed of ray queries, error against time, cost against size
 #   make install     PREFIX=/usr/local, DESTDIR=
 
@@ -50,8 +51,8 @@ $(BUILD)/test_%: $(BUILD)/test_%.o $(OBJECTS)
 -include $(wildcard $(BUILD)/*.d)
 
 # Everything is proved here; the runner closes with 'N passed, N failed'. To run one: make build/main/test_bvh && build/main/test_bvh
-test: mlt $(TESTS:%=$(BUILD)/%) $(BUILD)/metropolis1d $(BUILD)/fuzz_obj $(BUILD)/fuzz_image
-	@sh test/run.sh $(TESTS:%=$(BUILD)/%) $(BUILD)/metropolis1d \
+test: mlt $(TESTS:%=$(BUILD)/%) $(BUILD)/drift $(BUILD)/metropolis1d $(BUILD)/fuzz_obj $(BUILD)/fuzz_image
+	@sh test/run.sh $(TESTS:%=$(BUILD)/%) '$(BUILD)/drift 3e6' $(BUILD)/metropolis1d \
 	    '$(BUILD)/fuzz_obj test/corpus/obj/* && echo 1 passed, 0 failed' '$(BUILD)/fuzz_image test/corpus/image/* && echo 1 passed, 0 failed' \
 	    'sh test/test_cli.sh ./mlt' 'sh test/test_explain.sh ./mlt' 'sh test/test_docs.sh ./mlt'
 
@@ -61,6 +62,14 @@ stress: $(BUILD)/stress
 	$(BUILD)/stress
 
 $(BUILD)/stress: $(BUILD)/stress.o $(OBJECTS)
+	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
+
+# One long chain: what its states have cached against the same from scratch, and its light against independent samples. Twenty minutes;
+# build/main/drift MUTATIONS for another length.
+drift: $(BUILD)/drift
+	$(BUILD)/drift
+
+$(BUILD)/drift: $(BUILD)/drift.o $(OBJECTS)
 	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
 
 # Interruption at random moments, and whether merged runs are worth one long one: seven minutes. mlt_saves saves at every look at the clock.
@@ -132,4 +141,4 @@ clean:
 
 .SECONDARY:
 
-.PHONY: test demo bench stress kill bench-rays bench-error bench-cost bench-ways docs-figures install clean
+.PHONY: test demo bench stress kill drift bench-rays bench-error bench-cost bench-ways docs-figures install clean

@@ -312,18 +312,6 @@ static void audit_steps(Finding *f, int row, Lab *lab, const Path *x, uint64_t n
  * flow from any set of paths to any other as back, so over paths whose start weight is below a cap, which bounds every term of the sum,
  *     sum over starts and recorded states of weight ( g(state) - g(start) )     has expectation 0 for every function g of a path. */
 
-/* f* over the density of a bidirectional sample, all techniques together: path_routes with the chance to go on. */
-static double start_weight(const Path *x)
-{
-    double sum = path_inv_C(x, -1), grown = 1;
-    for (int e = 0; e <= x->k; e++) {
-        double before = e > 1 ? bsdf_albedo(&x->v[e - 1].point.surface) : 1, after = e + 1 < x->k ? bsdf_albedo(&x->v[e + 1].point.surface) : 1;
-        grown *= path_inv_S_lens(x, e - 1) * before;
-        sum = sum * path_inv_S_light(x, e + 1) * after + grown * path_inv_C(x, e);
-    }
-    return x->chi / sum;
-}
-
 static void collect(void *context, const Candidate *c)
 {
     Lab *lab = context;
@@ -360,9 +348,8 @@ static void choose_cap(Lab *lab, uint64_t n, Rng *rng)
 static void add_flow(Lab *lab, const Path *x, double weight)
 {
     const Camera *camera = &lab->space->scene->camera;
-    unsigned pattern = 0, specular = 0, quarter = (x->raster_x * 2 > camera->width) + 2u * (x->raster_y * 2 > camera->height);
+    unsigned pattern = lens_pattern(x), specular = 0, quarter = (x->raster_x * 2 > camera->width) + 2u * (x->raster_y * 2 > camera->height);
     double q = 1;
-    for (int i = 1; i <= 3; i++) pattern = 4 * pattern + (x->k - i > 0 ? (unsigned)x->v[x->k - i].mode : 3);
     for (int i = 1; i < x->k; i++)
         if (path_specular(x, i)) { specular += specular < 3; q *= x->v[i].s.q; }
     const unsigned class[FAMILIES] = {
@@ -466,18 +453,6 @@ static void audit_states(Lab *lab, uint64_t n, uint64_t seed)
     }
 }
 
-/* |z| that one of so many comparisons passes by chance with probability 'alarm' */
-static double limit(int comparisons, double alarm)
-{
-    double low = 0, high = 30;
-    while (high - low > 1e-6) {
-        double z = (low + high) / 2;
-        if (comparisons * erfc(z / sqrt(2)) > alarm) low = z;
-        else high = z;
-    }
-    return high;
-}
-
 /* False if anything is off. */
 static bool print_findings(FILE *out, const Lab *lab, double start_error)
 {
@@ -487,7 +462,7 @@ static bool print_findings(FILE *out, const Lab *lab, double start_error)
         flows += lab->finding[r].classes;
         histograms += lab->finding[r].freedom > 0;
     }
-    double flow_limit = limit(flows, false_alarm / 2), histogram_limit = limit(histograms, false_alarm / 2);
+    double flow_limit = chance_limit(flows, false_alarm / 2), histogram_limit = chance_limit(histograms, false_alarm / 2);
     fprintf(out, "Audit of each strategy: R of every proposal against f/T evaluated whole and from scratch (relative difference, at most %.0e), proposals from\n"
             "fixed x against T (z at most %.2f), and flows between classes of paths from exact starts (z at most %.2f).\n\n"
             "%-8s %10s %10s %10s %12s %10s %8s %10s %8s   zero because\n", worst_allowed, histogram_limit, flow_limit,

@@ -34,4 +34,39 @@ static inline double raw_p_d1(int k_d) { return k_d == 1 ? 0.25 : k_d == 2 ? 0.5
 static inline double raw_p_a1(int d) { return d == 0 ? 0.5 : abs(d) == 1 ? 0.15 : 0.1 * ldexp(1, 1 - abs(d)); }
 
 static inline double angle(Vec3 a, Vec3 b) { return atan2(length(cross(a, b)), dot(a, b)); }
+
+/* ---- and what the flows need here and in test/balance.h, where more starts and families of classes go through the same sums ---- */
+
+/* f* over the density of a bidirectional sample, all techniques together, from the path alone: path_routes, where the sampler lets a subpath go on
+ * from a vertex with the probability bsdf_albedo. */
+static inline double start_weight(const Path *x)
+{
+    double sum = path_inv_C(x, -1), grown = 1;
+    for (int e = 0; e <= x->k; e++) {
+        double before = e > 1 ? bsdf_albedo(&x->v[e - 1].point.surface) : 1, after = e + 1 < x->k ? bsdf_albedo(&x->v[e + 1].point.surface) : 1;
+        grown *= path_inv_S_lens(x, e - 1) * before;
+        sum = sum * path_inv_S_light(x, e + 1) * after + grown * path_inv_C(x, e);
+    }
+    return x->chi / sum;
+}
+
+/* How light passes the three vertices next to the lens: 0 diffuse, 1 reflected, 2 refracted, 3 no vertex; 64 patterns. */
+static inline unsigned lens_pattern(const Path *x)
+{
+    unsigned pattern = 0;
+    for (int i = 1; i <= 3; i++) pattern = 4 * pattern + (x->k - i > 0 ? (unsigned)x->v[x->k - i].mode : 3);
+    return pattern;
+}
+
+/* |z| that one of so many comparisons passes by chance with probability 'alarm' */
+static inline double chance_limit(double comparisons, double alarm)
+{
+    double low = 0, high = 30;
+    while (high - low > 1e-6) {
+        double z = (low + high) / 2;
+        if (comparisons * erfc(z / sqrt(2)) > alarm) low = z;
+        else high = z;
+    }
+    return high;
+}
 #endif

@@ -4,9 +4,9 @@
  * Read from the light: L light, D non-specular, S specular, E lens. Two walks do all of it:
  *   towards the light   from a raster position through S (modes copied), at each D that is not the last turned by a small angle, to x_m
  *   towards the lens    from x_m along a turned direction through S (modes copied) to y_{k-1}, joined to the lens
- * In R = f/T the density of each step is the same from x and from y but for what R keeps: at a copied specular vertex S holds F and not
- * F/F, since the mode was not drawn (q = 1; F here is the mode's reflectance); a turned direction has a density per solid angle that depends on the angle alone, so F |cos| stays;
- * a step on the film is symmetric in raster coordinates, where S<_k = 1.
+ * In R = f/T the density of each step is the same from x and from y but for what R keeps: at a specular vertex the mode was copied, its
+ * probability in T is 1 and not q, so S_copied = q S_drawn; a turned direction has a density per solid angle that depends on the angle alone,
+ * so F |cos| stays; a step on the film is symmetric in raster coordinates, where S<_k = 1.
  */
 #include "mutate.h"
 #include <string.h>

@@ -13,8 +13,7 @@
  * Any number of samplers (subjects), right and faulty ones, runs from the same starts. */
 #ifndef BALANCE_H
 #define BALANCE_H
-#include "mlt.h"
-#include <stdlib.h>
+#include "audit.h"
 #include <string.h>
 
 enum {
@@ -72,18 +71,10 @@ static inline unsigned balance_bin(double value, double scale, int bins)
     return i > 0 ? i < bins - 1 ? (unsigned)i : (unsigned)(bins - 1) : 0;
 }
 
-/* How light passes the three vertices next to the lens: 0 diffuse, 1 reflected, 2 refracted, 3 no vertex; 64 patterns. */
-static inline unsigned balance_pattern(const Path *x)
-{
-    unsigned pattern = 0;
-    for (int i = 1; i <= 3; i++) pattern = 4 * pattern + (x->k - i > 0 ? (unsigned)x->v[x->k - i].mode : 3);
-    return pattern;
-}
-
 /* The classes of a path, one of each family. */
 static inline void balance_classes(const Space *space, const Path *x, unsigned class[BALANCE_FAMILIES])
 {
-    unsigned length8 = (unsigned)(x->k < 7 ? x->k : 7), length16 = (unsigned)(x->k < 15 ? x->k : 15), pattern = balance_pattern(x), specular = 0;
+    unsigned length8 = (unsigned)(x->k < 7 ? x->k : 7), length16 = (unsigned)(x->k < 15 ? x->k : 15), pattern = lens_pattern(x), specular = 0;
     const Camera *camera = &space->scene->camera;
     unsigned quarter = (x->raster_x * 2 > camera->width) + 2u * (x->raster_y * 2 > camera->height);
     double q = 1, cosine = 1;
@@ -104,19 +95,6 @@ static inline void balance_classes(const Space *space, const Path *x, unsigned c
 }
 
 /* ---- starts ---- */
-
-/* f* over the density of a bidirectional sample, all techniques together, from the path alone: the sampler lets a subpath go on
- * from a vertex with the probability bsdf_albedo. */
-static inline double balance_bdpt_weight(const Path *x)
-{
-    double sum = path_inv_C(x, -1), grown = 1;
-    for (int e = 0; e <= x->k; e++) {              /* path_routes with survival */
-        double before = e > 1 ? bsdf_albedo(&x->v[e - 1].point.surface) : 1, after = e + 1 < x->k ? bsdf_albedo(&x->v[e + 1].point.surface) : 1;
-        grown *= path_inv_S_lens(x, e - 1) * before;
-        sum = sum * path_inv_S_light(x, e + 1) * after + grown * path_inv_C(x, e);
-    }
-    return x->chi / sum;
-}
 
 /* The direction in which the light's middle is seen from a point, through the smooth refracting surface that lies on the straight way. */
 static inline Vec3 balance_aim(const Space *space, const Starts *starts, const Point *from)
@@ -172,7 +150,7 @@ static inline bool balance_aimed_start(const Space *space, const Starts *starts,
 /* The weight of a path as a start; a path is tested if this is positive and below the cap. */
 static inline double balance_weight(const Space *space, const Starts *starts, const Path *x)
 {
-    return starts->kind == START_AIMED ? balance_aimed_weight(space, starts, x) : balance_bdpt_weight(x);
+    return starts->kind == START_AIMED ? balance_aimed_weight(space, starts, x) : start_weight(x);
 }
 
 typedef struct { double cap, sum, left_out; Candidate all[1024]; int n; } BalanceCandidates;
@@ -226,7 +204,7 @@ static inline void balance_record(void *context, const Path *x, double weight)
     balance_classes(r->space, x, class);
     for (int i = 0; i < BALANCE_FAMILIES; i++) balance_add(r, class[i], weight);
     balance_flow(r, FAMILY_FLOW, r->signature, balance_signature(x), weight);
-    balance_flow(r, FAMILY_PATTERN, r->pattern, balance_pattern(x), weight);
+    balance_flow(r, FAMILY_PATTERN, r->pattern, lens_pattern(x), weight);
     r->total += weight;
 }
 
@@ -298,7 +276,7 @@ static inline Balance balance_run(const Space *space, Starts starts, Subject *su
                 path_copy(x, start);
                 record->total = 0;
                 record->signature = balance_signature(start);
-                record->pattern = balance_pattern(start);
+                record->pattern = lens_pattern(start);
                 chain_run(space, &me->sampler, x, y, steps, &own, balance_record, record, &me->count);
                 unsigned class[BALANCE_FAMILIES];
                 balance_classes(space, start, class);
@@ -333,17 +311,5 @@ static inline Balance balance_run(const Space *space, Starts starts, Subject *su
     bdpt_free(bdpt);
     free(start); free(x); free(y); free(found); free(record);
     return result;
-}
-
-/* |z| that one of so many comparisons passes by chance with probability 'alarm' */
-static inline double balance_limit(double comparisons, double alarm)
-{
-    double low = 0, high = 30;
-    while (high - low > 1e-6) {
-        double z = (low + high) / 2;
-        if (comparisons * erfc(z / sqrt(2)) > alarm) low = z;
-        else high = z;
-    }
-    return high;
 }
 #endif

@@ -2,10 +2,8 @@
  * spoil what a path has cached work on copies. Every statistical test of the rows is shown what it must catch. */
 #ifndef TEST_FAULTS_H
 #define TEST_FAULTS_H
-#include "mutate.h"
+#include "audit.h"
 #include <string.h>
-
-enum { BIDIR, LENS, CAUSTIC, CHAIN, SUBPATH };     /* rows of mutation_table */
 
 /* Multiplies R(y|x) by g(y) and R(x|y) by g(x). */
 static inline Outcome fault_factor(int row, double (*g)(const Space *, const Path *), const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
@@ -47,8 +45,9 @@ static inline double chain_cosine(const Space *s, const Path *x)
     return product;
 }
 
-/* ---- the choice of strategy left out of the ratio, for a sampler with all rows of mutation_table at their shares ---- */
+/* ---- the choice of strategy left out of the ratio ---- */
 
+/* For a sampler with all rows of mutation_table at their shares. */
 static inline double all_choices(const Space *space, const Path *x)
 {
     double sum = 0;
@@ -56,6 +55,11 @@ static inline double all_choices(const Space *space, const Path *x)
         if (mutation_table[i].applies(space, x)) sum += mutation_table[i].share;
     return sum;
 }
+/* The rows but bidir keep the pattern of specular vertices, on which alone the choice depends: q cancels, and nothing would show. So they are tested
+ * beside a row that applies on the film's left half only, which is as right as any: shares of 1 for the row, 1/4 for bidir, 4 for that one. */
+static const double left_share = 4, beside_share = 0.25;
+static inline bool left_applies(const Space *space, const Path *x) { return 2 * x->raster_x < space->scene->camera.width; }
+static inline double left_choices(const Space *space, const Path *x) { return 1 + beside_share + (left_applies(space, x) ? left_share : 0); }
 
 #define FAULT_ROW(name, row, g) \
     static inline Outcome name(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move) \
@@ -66,6 +70,10 @@ FAULT_ROW(chain_drawn, CHAIN, lens_q)
 FAULT_ROW(caustic_no_cosine, CAUSTIC, caustic_cosine)
 FAULT_ROW(chain_no_cosine, CHAIN, chain_cosine)
 FAULT_ROW(bidir_no_choice, BIDIR, all_choices)
+FAULT_ROW(lens_no_choice, LENS, left_choices)
+FAULT_ROW(caustic_no_choice, CAUSTIC, left_choices)
+FAULT_ROW(chain_no_choice, CHAIN, left_choices)
+FAULT_ROW(subpath_no_choice, SUBPATH, left_choices)
 
 /* ---- a factor left out of S, as if bsdf_scatter had forgotten it ---- */
 
@@ -153,21 +161,15 @@ static inline Outcome bidir_one_way(const Space *space, const Tuning *tuning, co
     return PROPOSED;
 }
 /* p_a1 as the slides have it, not normalised again where k_max or 1 cuts it */
-static inline double raw_p_a1(int k_d, int k_a)
-{
-    int d = k_a > k_d ? k_a - k_d : k_d - k_a;
-    return d == 0 ? 0.5 : d == 1 ? 0.15 : 0.1 * ldexp(1, 1 - d);
-}
 static inline Outcome bidir_raw_p_a1(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
 {
     Outcome outcome = bidir_propose(space, tuning, x, y, rng, move);
     if (outcome != PROPOSED) return outcome;
-    move->R_yx *= move->p_a1_x / raw_p_a1(move->k_d, move->k_a);
-    move->R_xy *= move->p_a1_y / raw_p_a1(move->k_a, move->k_d);
+    move->R_yx *= move->p_a1_x / raw_p_a1(move->k_a - move->k_d);
+    move->R_xy *= move->p_a1_y / raw_p_a1(move->k_d - move->k_a);
     return PROPOSED;
 }
 /* p_d1 likewise */
-static inline double raw_p_d1(int k_d) { return k_d == 1 ? 0.25 : k_d == 2 ? 0.5 : ldexp(1, -k_d); }
 static inline Outcome bidir_raw_p_d1(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
 {
     Outcome outcome = bidir_propose(space, tuning, x, y, rng, move);
@@ -185,6 +187,53 @@ static inline Outcome bidir_no_p_d2(const Space *space, const Tuning *tuning, co
     move->R_xy *= move->p_d2_y;
     return PROPOSED;
 }
+
+/* ---- a = f(y)/f(x): T left out ---- */
+
+/* f*; vertices and edges that both paths share cancel in the ratio. */
+static inline double target(const Path *x)
+{
+    double f = x->chi;
+    for (int i = 0; i <= x->k; i++) f *= value_F(x, i) / (i < x->k ? x->v[i].inv_G : 1);
+    return f;
+}
+static inline Outcome f_alone(int row, const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
+{
+    Outcome outcome = mutation_table[row].propose(space, tuning, x, y, rng, move);
+    if (outcome != PROPOSED) return outcome;
+    move->R_yx = target(y);
+    move->R_xy = target(x);
+    return PROPOSED;
+}
+
+/* ---- 'the chain is stuck, so let it go': after TIRED rejections what is proposed is accepted whatever the ratio ---- */
+
+enum { TIRED = 3 };
+static inline Outcome forced(int row, const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
+{
+    static double stuck_chi, stuck_x, stuck_y;     /* of the path that rejects; there is one chain at a time */
+    static int stuck_for;
+    bool same = stuck_chi == x->chi && stuck_x == x->raster_x && stuck_y == x->raster_y;
+    stuck_for = same ? stuck_for + 1 : 0;
+    stuck_chi = x->chi;
+    stuck_x = x->raster_x;
+    stuck_y = x->raster_y;
+    Outcome outcome = mutation_table[row].propose(space, tuning, x, y, rng, move);
+    if (outcome == PROPOSED && stuck_for >= TIRED) {
+        move->R_yx = 1e12;
+        move->R_xy = 1;
+    }
+    return outcome;
+}
+
+#define FAULT_ROWS(fault) \
+    static inline Outcome fault##_bidir(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(BIDIR, s, t, x, y, r, m); } \
+    static inline Outcome fault##_lens(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(LENS, s, t, x, y, r, m); } \
+    static inline Outcome fault##_caustic(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(CAUSTIC, s, t, x, y, r, m); } \
+    static inline Outcome fault##_chain(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(CHAIN, s, t, x, y, r, m); } \
+    static inline Outcome fault##_subpath(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(SUBPATH, s, t, x, y, r, m); }
+FAULT_ROWS(f_alone)
+FAULT_ROWS(forced)
 
 /* ---- steps in proportion to the path, and nobody asks whether the way back lies in the range there ---- */
 

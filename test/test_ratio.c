@@ -4,8 +4,12 @@
  *
  * over more than a million proposals of every mutation in every scene, from chains that move through path space; the collapse of the acceptance
  * under the importance p_d2; the slides' tables; the slides' Examples 1 and 2 term by term; cached terms against fresh ones; and that proposals
- * are distributed as T says. Every comparison is also shown faults that it must see. Fixed seeds, nothing is tried twice. Run from the project's root. */
+ * are distributed as T says. Every comparison is also shown faults that it must see. Fixed seeds, nothing is tried twice. Run from the project's root.
+ *
+ *     test_ratio [FACTOR]               FACTOR times the proposals in every scene, for a long run
+ */
 #include "check.h"
+#include "fresh.h"
 #include "reference.h"
 #include "mlt.h"
 #include <stdlib.h>
@@ -141,40 +145,6 @@ static void compare(const Space *space, const Sampler *sampler, const char *row,
     }
 }
 
-/* Largest relative difference of the cached terms from those that path_evaluate makes anew. */
-static double difference_of_caches(const Space *space, const Path *x)
-{
-    Path *fresh = &path_store[2];
-    path_copy(fresh, x);
-    for (int i = 0; i <= x->k; i++) {
-        fresh->v[i].s = (Scatter){ { NAN, NAN, NAN }, NAN, NAN, NAN, NAN };
-        fresh->v[i].to_lens = vec3(NAN, NAN, NAN);
-        fresh->v[i].inv_G = NAN;
-    }
-    fresh->chi = fresh->light_pdf_a = NAN;
-    fresh->colour = vec3(NAN, NAN, NAN);
-    if (!path_evaluate(space, fresh)) return INFINITY;
-    double worst = relative(fresh->chi, x->chi);
-    worse(&worst, relative(fresh->light_pdf_a, x->light_pdf_a));
-    worse(&worst, length(sub(fresh->colour, x->colour)));
-    worse(&worst, fresh->pixel == x->pixel ? 0 : 1);
-    worse(&worst, relative(fresh->raster_x, x->raster_x));
-    worse(&worst, relative(fresh->raster_y, x->raster_y));
-    for (int i = 0; i <= x->k; i++) {
-        const Vertex *a = &fresh->v[i], *b = &x->v[i];
-        if (i > 0) worse(&worst, relative(a->s.inv_S_light, b->s.inv_S_light));
-        if (i < x->k) worse(&worst, relative(a->s.inv_S_lens, b->s.inv_S_lens));
-        worse(&worst, relative(a->s.inv_F, b->s.inv_F));
-        if (i > 0 && i < x->k) worse(&worst, relative(a->s.q, b->s.q));
-        worse(&worst, length(sub(a->s.colour, b->s.colour)));
-        if (i < x->k) {
-            worse(&worst, relative(a->inv_G, b->inv_G));
-            worse(&worst, length(sub(a->to_lens, b->to_lens)));
-        }
-    }
-    return worst;
-}
-
 /* Chains of 'steps' proposals from seeds, until 'proposals' have been compared; the rows of the table in turn. The chain need only move, so
  * no probabilities of choosing rows enter. worst[MUTATIONS] */
 static void run_chains(const Space *space, const Sampler *sampler, const Bootstrap *boot, Bdpt *bdpt, uint64_t proposals, uint64_t seed, Worst *worst)
@@ -197,7 +167,7 @@ static void run_chains(const Space *space, const Sampler *sampler, const Bootstr
             if (rng_double(&rng) >= a) continue;
             worst[row].accepted++;
             path_copy(x, y);
-            worse(&worst[row].fresh, difference_of_caches(space, x));
+            worse(&worst[row].fresh, fresh_difference(space, &sampler->tuning, x, &path_store[2]));
         }
     }
 }
@@ -264,6 +234,7 @@ static double seconds(void) { return (double)clock() / CLOCKS_PER_SEC; }
 static void test_scenes(uint64_t per_scene)
 {
     uint64_t all = 0;
+    double all_R = 0;
     printf("%-14s %-8s %9s %9s %9s %9s %9s %9s %9s %9s\n", "scene", "row", "proposals", "R", "R/R", "balance", "collapse", "parts", "chi", "caches");
     for (int n = 0; n < SCENES; n++) {
         Worst worst[MUTATIONS] = { 0 };
@@ -284,6 +255,7 @@ static void test_scenes(uint64_t per_scene)
         for (int row = 0; row < MUTATIONS; row++) {
             const Worst *w = &worst[row];
             all += w->proposals;
+            worse(&all_R, w->R);
             if (w->proposals == 0 && w->wrong == 0) continue;
             printf("%-14s %-8s %9llu %9.1e %9.1e %9.1e %9.1e %9.1e %9.1e %9.1e\n", slash + 1, mutation_table[row].name,
                    (unsigned long long)w->proposals, w->R, w->ratio, w->balance, w->collapse, w->parts, w->cache, w->fresh);
@@ -292,7 +264,7 @@ static void test_scenes(uint64_t per_scene)
             if (!ok) printf("  wrong %llu; %s\n", (unsigned long long)w->wrong, w->note);
         }
     }
-    printf("%llu proposals compared\n", (unsigned long long)all);
+    printf("%llu proposals compared, R off by at most %.1e\n", (unsigned long long)all, all_R);
     CHECK(all >= 1000000);
 }
 
@@ -945,15 +917,15 @@ static void test_proposals(uint64_t n)
     }
 }
 
-int main(void)
+int main(int argc, char **argv)
 {
-    double start = seconds();
+    double factor = argc > 1 ? atof(argv[1]) : 1, start = seconds();
     test_tables();
     test_ways();
     test_examples();
     test_faults();
     test_proposals(400000);
-    test_scenes(100000);
+    test_scenes((uint64_t)(100000 * factor));
     printf("%.1f s\n", seconds() - start);
     return check_report();
 }

@@ -8,54 +8,7 @@
 #include "balance.h"
 #include "test_faults.h"
 
-enum { WIDTH = 160, HEIGHT = 120, PIXELS = WIDTH * HEIGHT, BOOTSTRAP = 20000, TIRED = 3, TILE = 20 };
-
-/* ---- faulty rows ---- */
-
-/* f* itself: T left out of f(y)/T(y|x). Vertices and edges that both paths share cancel in the ratio. */
-static double target(const Space *space, const Path *x)
-{
-    (void)space;
-    double f = x->chi;
-    for (int i = 0; i <= x->k; i++) f /= x->v[i].s.inv_F * (i < x->k ? x->v[i].inv_G : 1);
-    return f;
-}
-static Outcome f_alone(int row, const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
-{
-    Outcome outcome = mutation_table[row].propose(space, tuning, x, y, rng, move);
-    if (outcome != PROPOSED) return outcome;
-    if (!path_evaluate(space, y)) return ZERO_SIDE;
-    move->R_yx = target(space, y);
-    move->R_xy = target(space, x);
-    return PROPOSED;
-}
-
-/* 'The chain is stuck, so let it go': what is proposed to a path that has rejected TIRED times is accepted whatever the ratio. */
-static double stuck_chi, stuck_x, stuck_y;         /* of that path; there is one chain at a time */
-static int stuck_for;
-static Outcome forced(int row, const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
-{
-    bool same = stuck_chi == x->chi && stuck_x == x->raster_x && stuck_y == x->raster_y;
-    stuck_for = same ? stuck_for + 1 : 0;
-    stuck_chi = x->chi;
-    stuck_x = x->raster_x;
-    stuck_y = x->raster_y;
-    Outcome outcome = mutation_table[row].propose(space, tuning, x, y, rng, move);
-    if (outcome == PROPOSED && stuck_for >= TIRED) {
-        move->R_yx = 1e12;
-        move->R_xy = 1;
-    }
-    return outcome;
-}
-
-#define ROWS(fault) \
-    static Outcome fault##_bidir(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(BIDIR, s, t, x, y, r, m); } \
-    static Outcome fault##_lens(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(LENS, s, t, x, y, r, m); } \
-    static Outcome fault##_caustic(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(CAUSTIC, s, t, x, y, r, m); } \
-    static Outcome fault##_chain(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(CHAIN, s, t, x, y, r, m); } \
-    static Outcome fault##_subpath(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *r, Move *m) { return fault(SUBPATH, s, t, x, y, r, m); }
-ROWS(f_alone)
-ROWS(forced)
+enum { WIDTH = 160, HEIGHT = 120, PIXELS = WIDTH * HEIGHT, BOOTSTRAP = 20000, TILE = 20 };
 
 typedef Outcome (*Propose)(const Space *, const Tuning *, const Path *, Path *, Rng *, Move *);
 
