@@ -99,6 +99,10 @@ bench-error: mlt $(BUILD)/bench_plot
 bench-ways: mlt $(BUILD)/bench_plot
 	sh test/bench_error.sh ./mlt 3
 
+# Estimated over true error: an hour.
+bench-estimate: mlt
+	sh test/bench_estimate.sh ./mlt
+
 bench-cost: $(BUILD)/bench_cost
 	@mkdir -p build/bench
 	$(BUILD)/bench_cost build/bench
@@ -141,4 +145,4 @@ clean:
 
 .SECONDARY:
 
-.PHONY: test demo bench stress kill drift bench-rays bench-error bench-cost bench-ways docs-figures install clean
+.PHONY: test demo bench stress kill drift bench-rays bench-error bench-estimate bench-cost bench-ways docs-figures install clean

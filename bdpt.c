@@ -198,6 +198,23 @@ void bdpt_sample(Bdpt *b, const Space *space, double x, double y, Rng *rng, void
             if (counts(b, space, n_light, n_lens) && join(b, space, n_light, n_lens, &c)) visit(context, &c);
 }
 
+const char *const path_class_name[CLASSES] = {
+    "direct light", "diffuse reflection", "caustics", "caustics seen through glass, water or mirrors", "other specular reflection"
+};
+
+PathClass bdpt_class(const Bdpt *b, const Candidate *c)
+{
+    if (c->direct) return CLASS_DIRECT;
+    /* specular vertices: light 1 .. last_light, lens 1 .. last_lens; those joined never are */
+    int last_light = c->n_light - 2, last_lens = c->n_lens - 2;
+    bool at_lens = last_lens > 0 && lens_vertex(b, 1)->mode != MODE_NONE, at_light, any = last_lens > 0 && b->lens_diffuse[last_lens] < last_lens;
+    if (c->n_light == 0) at_light = lens_vertex(b, last_lens)->mode != MODE_NONE;
+    else at_light = last_light > 0 && b->light.v[1].mode != MODE_NONE;
+    for (int i = 1; i <= last_light && !any; i++) any = b->light.v[i].mode != MODE_NONE;
+    if (at_light) return at_lens ? CLASS_CAUSTIC_SEEN : CLASS_CAUSTIC;
+    return any ? CLASS_SPECULAR : CLASS_DIFFUSE;
+}
+
 bool bdpt_path(const Bdpt *b, const Space *space, int n_light, int n_lens, Path *out)
 {
     out->k = n_light + n_lens - 1;

@@ -15,6 +15,10 @@ typedef struct {
     bool direct;               /* path_is_direct */
 } Candidate;
 
+/* What light does on its way, by the specular vertices: caustics have one next to the light, and seen ones also one next to the lens. */
+typedef enum { CLASS_DIRECT, CLASS_DIFFUSE, CLASS_CAUSTIC, CLASS_CAUSTIC_SEEN, CLASS_SPECULAR, CLASSES } PathClass;
+extern const char *const path_class_name[CLASSES];
+
 typedef struct Bdpt Bdpt;      /* work space for two subpaths */
 Bdpt *bdpt_new(void);          /* NULL if memory runs out */
 void bdpt_free(Bdpt *bdpt);
@@ -22,6 +26,9 @@ void bdpt_free(Bdpt *bdpt);
 /* Traces one pair of subpaths, the lens one through raster position (x, y), and hands every candidate that carries light to 'visit'.
  * With (x, y) uniform over the film, the expectation of the sum of rgb over candidates in pixel j, times the number of pixels, is pixel j. */
 void bdpt_sample(Bdpt *bdpt, const Space *space, double x, double y, Rng *rng, void (*visit)(void *context, const Candidate *), void *context);
+
+/* Of a candidate of bdpt_sample; valid until the next one. */
+PathClass bdpt_class(const Bdpt *bdpt, const Candidate *candidate);
 
 /* The candidate's whole path, evaluated; valid until the next bdpt_sample. */
 bool bdpt_path(const Bdpt *bdpt, const Space *space, int n_light, int n_lens, Path *out);

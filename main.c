@@ -94,6 +94,20 @@ static Cost run_cost(const Settings *settings, const RenderStats *s)
     return (Cost){ chains, clock_now() - settings->start, 1024.0 * (double)usage.ru_maxrss, seconds > 0 ? n / seconds : NAN, n > 0 ? rays / n : NAN };
 }
 
+/* Of the light that the chains have, as the bootstrap samples found it. */
+static double class_share(const RenderStats *s, int class)
+{
+    double all = 0;
+    for (int i = 0; i < CLASSES; i++) all += s->found[i].weight;
+    return all > 0 ? s->found[class].weight / all : 0;
+}
+
+/* So many samples of equal weight would tell as much: a few heavy ones may carry all. */
+static double class_worth(const RenderStats *s, int class)
+{
+    return s->found[class].hits > 0 ? s->found[class].weight * s->found[class].weight / s->found[class].square : 0;
+}
+
 static void write_json(FILE *file, const Scene *scene, const RenderStats *s, const Cost *cost)
 {
     const struct { const char *key; double value; } entries[] = {
@@ -105,6 +119,8 @@ static void write_json(FILE *file, const Scene *scene, const RenderStats *s, con
         { "b", cost->chains ? s->b : NAN }, { "b_stderr", cost->chains ? s->b_stderr : NAN }, { "estimated_relative_error", s->relative_error },
         { "bootstrap_samples", (double)s->bootstrap_samples }, { "bootstrap_hits", (double)s->bootstrap_hits },
         { "peak_bytes", cost->peak_bytes }, { "scene_bytes", (double)scene_bytes(scene) },
+        { "tiles", s->tiles }, { "tiles_disagreeing", cost->chains ? (double)s->tiles_disagreeing : NAN }, { "largest_tile_error", s->largest_tile_error },
+        { "effective_sample_size", cost->chains ? s->effective_samples : NAN }, { "chain_part", cost->chains ? s->chain_part : NAN },
         { "bad_samples", (double)s->bad_samples }, { "longest_rejection_run", (double)s->chain.longest_rejection },
     };
     fputs("{\n", file);
@@ -121,6 +137,10 @@ static void write_json(FILE *file, const Scene *scene, const RenderStats *s, con
             fprintf(file, "%s\"%s\": %" PRIu64, k > PROPOSED + 1 ? ", " : "", outcome_name[k], s->chain.row[i].outcome[k]);
         fputs("}}", file);
     }
+    fputs(cost->chains ? "\n  ],\n  \"classes\": [" : "],\n  \"classes\": [", file);
+    for (int i = 0; cost->chains && i < CLASSES; i++)
+        fprintf(file, "%s\n    {\"name\": \"%s\", \"hits\": %" PRIu64 ", \"share\": %.6g, \"worth\": %.4g}", i ? "," : "", path_class_name[i],
+                s->found[i].hits, class_share(s, i), class_worth(s, i));
     fputs(cost->chains ? "\n  ]\n}\n" : "]\n}\n", file);
 }
 
@@ -152,6 +172,9 @@ static void print_summary(const Options *o, const Scene *scene, const RenderStat
     if (cost->chains)
         fprintf(stderr, "b = %.6g +- %.2g from %" PRIu64 " samples, of which %" PRIu64 " found light; longest run of rejections %" PRIu64 "\n"
                 "strategy     proposed      zero  accepted   zero because\n", s->b, s->b_stderr, s->bootstrap_samples, s->bootstrap_hits, s->chain.longest_rejection);
+    if (s->tiles_disagreeing == 0 && isfinite(s->effective_samples))
+        fprintf(stderr, "rounds: %u agree in all of %u tiles, of which the worst is off by %.2g %%; the chains are worth %.3g independent paths\n", (unsigned)s->rounds,
+                (unsigned)s->tiles, 100 * s->largest_tile_error, s->effective_samples);
     for (int i = 0; i < MUTATIONS; i++) {
         double n = (double)s->chain.row[i].proposed, zero = (double)s->chain.row[i].zero;
         if (n == 0) continue;
@@ -162,6 +185,20 @@ static void print_summary(const Options *o, const Scene *scene, const RenderStat
     }
     if (isnan(s->relative_error)) fputs("estimated error: not known, the run was too short\n", stderr);
     else fprintf(stderr, "estimated error: values are off by %.3g %% of their size (root mean square over the picture)\n", 100 * s->relative_error);
+}
+
+/* What the estimated error cannot know: light that was found by chance, so that what was found says little of what there is. */
+static void warn_of_chance(const RenderStats *s, Report *report)
+{
+    for (int i = 0; i < CLASSES; i++) {
+        double share = class_share(s, i) * s->chain_part;
+        if (share > 0.05 && class_worth(s, i) < 50)
+            report_warning(report, NULL, 0, "%s: %.0f of %" PRIu64 " bootstrap samples carry %.0f %% of the picture's light: its brightness is not to be trusted",
+                           path_class_name[i], ceil(class_worth(s, i)), s->bootstrap_samples, 100 * share);
+    }
+    if (s->tiles_disagreeing)
+        report_warning(report, NULL, 0, "%u of %u tiles got most of their light in one round of %u: that light was found by chance and may be too bright or too dim "
+                       "there; run longer (-t) or merge more seeds", (unsigned)s->tiles_disagreeing, (unsigned)s->tiles, (unsigned)s->rounds);
 }
 
 /* ---- the run ---- */
@@ -257,6 +294,7 @@ static bool render_and_write(const Options *o, const Scene *scene, Render *rende
     RenderStats stats = render_stats(render);
     Cost cost = run_cost(&o->settings, &stats);
     if (stats.bad_samples) report_warning(report, NULL, 0, "%" PRIu64 " samples were not finite and are left out: the picture may be too dark", stats.bad_samples);
+    warn_of_chance(&stats, report);
     render_image(render, image);
     bool unseen = stats.mutations + stats.bootstrap_samples > 0 && stats.bootstrap_hits == 0;
     if (scene->n_lights > 0 && is_black(image))

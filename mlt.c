@@ -10,7 +10,12 @@ double even(double offset, uint64_t index, int dimension)
     return u - floor(u);
 }
 
-static void add_weight(void *context, const Candidate *c) { *(double *)context += c->weight; }
+typedef struct { const Bdpt *bdpt; double weight[CLASSES]; } Weights;   /* of one sample */
+static void add_weight(void *context, const Candidate *c)
+{
+    Weights *w = context;
+    w->weight[bdpt_class(w->bdpt, c)] += c->weight;
+}
 
 static void sample(const Bootstrap *s, const Space *space, Bdpt *bdpt, uint64_t i, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
 {
@@ -28,9 +33,16 @@ bool bootstrap_run(Bootstrap *s, const Space *space, Bdpt *bdpt, uint64_t n, uin
     s->offset_y = rng_double(&rng);
     double sum = 0, squares = 0;
     for (uint64_t i = 0; i < n; i++) {
+        Weights found = { .bdpt = bdpt };
         double weight = 0;
-        sample(s, space, bdpt, i, &rng, add_weight, &weight);
+        sample(s, space, bdpt, i, &rng, add_weight, &found);
+        for (int c = 0; c < CLASSES; c++) weight += found.weight[c];
         if (!isfinite(weight)) { s->bad++; weight = 0; }
+        for (int c = 0; c < CLASSES && weight > 0; c++) {
+            s->found[c].hits += found.weight[c] > 0;
+            s->found[c].weight += found.weight[c];
+            s->found[c].square += found.weight[c] * found.weight[c];
+        }
         s->hits += weight > 0;
         s->sum[i] = sum += weight;
         squares += weight * weight;

@@ -18,6 +18,7 @@ typedef struct {
     uint64_t hits;             /* samples with W_i > 0 */
     double offset_x, offset_y; /* of the stratified raster positions */
     uint64_t bad;              /* samples that were not finite: dropped and reported */
+    struct { uint64_t hits; double weight, square; } found[CLASSES];   /* by class of path: the samples that found one, sums of their W and W^2 */
 } Bootstrap;
 
 bool bootstrap_run(Bootstrap *bootstrap, const Space *space, Bdpt *bdpt, uint64_t n, uint64_t seed, uint64_t stream);

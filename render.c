@@ -50,7 +50,8 @@ Render *render_new(const Scene *scene, const Settings *settings)
     } else r->has_direct = true;
     size_t doubles = 3 * r->pixels;
     bool ok = (r->bdpt = bdpt_new()) && (r->x = malloc(sizeof *r->x)) && (r->y = malloc(sizeof *r->y));
-    if (r->has_direct) ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.count = calloc(scene->camera.height, 4));
+    if (r->has_direct) ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.count = calloc(scene->camera.height, 4))
+        && (r->passes.direct = calloc(r->pixels, 8));
     if (settings->integrator == INTEGRATOR_BDPT) ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)
         ok = ok && (r->film = aligned_alloc(sizeof *r->film, r->pixels * sizeof *r->film)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8));
@@ -63,6 +64,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     r->samples_rate = 1e4;
     r->samples_per_step = 0.2;
     r->relative_error = NAN;
+    r->last_round = PILOTS + ROUNDS;
     return r;
 }
 
@@ -70,7 +72,7 @@ void render_free(Render *r)
 {
     if (!r) return;
     bdpt_free(r->bdpt);
-    void *owned[] = { r->x, r->y, r->passes.sum, r->passes.square, r->passes.count, r->passes.light, r->passes.light_square, r->film, r->sum, r->square, r };
+    void *owned[] = { r->x, r->y, r->passes.sum, r->passes.square, r->passes.direct, r->passes.count, r->passes.light, r->passes.light_square, r->film, r->sum, r->square, r };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
 }
 
@@ -86,11 +88,21 @@ static bool in_time(const Render *r, double deadline) { return r->settings->seco
 
 typedef struct { Render *r; Rgb own; } Splat;
 
+static void add_direct(void *context, const Candidate *c)
+{
+    Splat *s = context;
+    if (c->direct && finite3(c->rgb)) s->r->passes.direct[c->pixel] += c->rgb.x + c->rgb.y + c->rgb.z;
+}
+
 static void splat_candidate(void *context, const Candidate *c)
 {
     Splat *s = context;
     if (!finite3(c->rgb)) { s->r->stats.bad_samples++; return; }
-    if (c->n_lens > 1) { s->own = add(s->own, c->rgb); return; }
+    if (c->n_lens > 1) {
+        s->own = add(s->own, c->rgb);
+        add_direct(context, c);
+        return;
+    }
     double *light = s->r->passes.light + 3 * (size_t)c->pixel, *square = s->r->passes.light_square + 3 * (size_t)c->pixel;
     const double v[3] = { c->rgb.x, c->rgb.y, c->rgb.z };
     for (int i = 0; i < 3; i++) { light[i] += v[i]; square[i] += v[i] * v[i]; }
@@ -112,7 +124,7 @@ static void sample_row(Render *r)
         double x = column + u[0], y = row + u[1];
         Splat s = { r, { 0, 0, 0 } };
         if (r->settings->integrator == INTEGRATOR_BDPT) bdpt_sample(r->bdpt, &r->direct_space, x, y, &rng, splat_candidate, &s);
-        else s.own = path_trace(&r->direct_space, x, y, u + 2, &rng, NULL, NULL);
+        else s.own = path_trace(&r->direct_space, x, y, u + 2, &rng, add_direct, &s);
         if (!finite3(s.own)) { r->stats.bad_samples++; continue; }
         const double v[3] = { s.own.x, s.own.y, s.own.z };
         for (size_t i = 0; i < 3; i++) { p->sum[3 * pixel + i] += v[i]; p->square[3 * pixel + i] += v[i] * v[i]; }
@@ -120,159 +132,6 @@ static void sample_row(Render *r)
     p->rows++;
     p->count[row]++;
     p->rays += *r->scene->rays - rays;
-}
-
-/* ---- the picture and its error ---- */
-
-/* Value i (channel i % 3) of the picture, and the variance of that value: from independent samples and from chains; the variance of the
- * chains' part is known once two rounds are done. */
-typedef struct { double value, chain /* the chains' part of it */, sampled_variance, chain_variance; } Estimate;
-
-static Estimate estimate(const Render *r, size_t i)
-{
-    Estimate e = { 0, 0, 0, 0 };
-    const Passes *p = &r->passes;
-    if (r->has_direct) {
-        uint32_t width = r->scene->camera.width, height = r->scene->camera.height;
-        double n = p->count[i / 3 / width];
-        if (n > 0) e.value = p->sum[i] / n;
-        if (n > 1) e.sampled_variance = fmax(0, p->square[i] / n - e.value * e.value) / (n - 1);
-        if (p->light && p->rows > 0) {
-            double scale = (double)height / (double)p->rows;
-            e.value += scale * p->light[i];
-            e.sampled_variance += scale * scale * p->light_square[i];
-        }
-    }
-    double steps = r->steps_sum + r->round.steps;
-    if (r->has_chain && steps > 0) {
-        e.chain = (r->sum[i] + r->round.b * (double)r->pixels * r->film[i / 3].sum[i % 3]) / steps;
-        e.value += e.chain;
-        double share = r->steps_sum > 0 ? r->steps_square / (r->steps_sum * r->steps_sum) : 1;
-        if (share < 1) {
-            double mean = r->sum[i] / r->steps_sum;
-            e.chain_variance = fmax(0, r->square[i] / r->steps_sum - mean * mean) * share / (1 - share) * (r->steps_sum / steps);
-        }
-    }
-    return e;
-}
-
-static float smaller_f(float a, float b) { return a < b ? a : b; }
-static uint32_t smaller_u(uint32_t a, uint32_t b) { return a < b ? a : b; }
-static float larger_f(float a, float b) { return a < b ? b : a; }
-
-static float median5(const float v[5])
-{
-    float low = larger_f(smaller_f(v[0], v[1]), smaller_f(v[2], v[3])), high = smaller_f(larger_f(v[0], v[1]), larger_f(v[2], v[3]));
-    return larger_f(smaller_f(low, high), smaller_f(larger_f(low, high), v[4]));   /* low, high: the middle two of four */
-}
-
-/* Along rows, then along columns: each pixel becomes combine(itself, two to the left and right that are 'stride' apart). */
-static void filter(const Render *r, float *picture, float *work, uint32_t stride, float (*combine)(const float v[5]))
-{
-    uint32_t width = r->scene->camera.width, height = r->scene->camera.height;
-    for (int pass = 0; pass < 2; pass++) {
-        const float *from = pass == 0 ? picture : work;
-        uint32_t last = (pass == 0 ? width : height) - 1;
-        for (uint32_t y = 0; y < height; y++)
-            for (uint32_t x = 0; x < width; x++) {
-                uint32_t at = pass == 0 ? x : y;
-                float v[5];
-                for (uint32_t i = 0; i < 5; i++) {
-                    uint32_t to = at + stride * i < 2 * stride ? 0 : smaller_u(at + stride * i - 2 * stride, last);
-                    v[i] = from[pass == 0 ? (size_t)y * width + to : (size_t)to * width + x];
-                }
-                (pass == 0 ? work : picture)[(size_t)y * width + x] = combine(v);
-            }
-    }
-}
-
-static float mean5(const float v[5]) { return (v[0] + v[1] + v[2] + v[3] + v[4]) / 5; }
-
-/* The picture's brightness without its outliers, a mean over channels: the median of the surroundings, or, for small features, the mean of so much of
- * nearby values as lies above their standard errors. By a plain mean one firefly would starve its surroundings of chains and so beget
- * others. *mean receives that of the picture. False if memory runs out. */
-static bool typical_brightness(const Render *r, float *out, double *mean)
-{
-    float *safe = malloc(r->pixels * sizeof *safe), *work = malloc(r->pixels * sizeof *work);
-    bool ok = safe && work;
-    *mean = 0;
-    if (ok) {
-        for (size_t pixel = 0; pixel < r->pixels; pixel++) {
-            double value = 0, error = 0;
-            for (size_t i = 3 * pixel; i < 3 * pixel + 3; i++) {
-                Estimate e = estimate(r, i);
-                value += e.value / 3;
-                error += sqrt(e.sampled_variance + e.chain_variance) / 3;
-            }
-            *mean += value / (double)r->pixels;
-            out[pixel] = (float)value;
-            safe[pixel] = (float)fmax(0, value - error);
-        }
-        filter(r, out, work, 2, median5);
-        filter(r, safe, work, 1, mean5);
-        for (size_t pixel = 0; pixel < r->pixels; pixel++) out[pixel] = larger_f(out[pixel], safe[pixel]);
-    }
-    free(safe);
-    free(work);
-    return ok;
-}
-
-/* The error of two kinds of work falls as 1/rays in each; together it is least where rays go as sqrt(error * rays). */
-static double best_share(double error, uint64_t rays, double other_error, uint64_t other_rays, double most)
-{
-    double share = sqrt(error * (double)rays / (other_error * (double)other_rays));
-    return share > 0.02 ? fmin(share, most) : 0.02;    /* NaN too */
-}
-
-/* After a round: the estimated relMSE, the shares of rays that direct light and bootstrap should have, and the two-stage weight. */
-void run_learn(Render *r)
-{
-    float *local = malloc(r->pixels * sizeof *local);
-    double mean, sampled = 0, chain = 0, chain_energy = 0;   /* the last three relative to the picture, summed over values */
-    if (!local || !typical_brightness(r, local, &mean)) {    /* goes on with what it knew */
-        free(local);
-        return;
-    }
-    if (mean > 0) {
-        for (size_t pixel = 0; pixel < r->pixels; pixel++) {
-            double typical = (double)local[pixel];
-            for (size_t i = 3 * pixel; i < 3 * pixel + 3; i++) {
-                Estimate e = estimate(r, i);
-                /* what the value may be: itself, but no outlier */
-                double likely = fmin(fmax(e.value, typical / 4), 4 * typical), relative_to = likely * likely + 0.01 * mean * mean;
-                sampled += e.sampled_variance / relative_to;
-                chain += e.chain_variance / relative_to;
-                chain_energy += e.chain * e.chain / relative_to;
-            }
-            /* pixels in proportion to their relative error: w ~ 1/picture, floored so that none starves */
-            if (r->has_chain) r->film[pixel].weight = (float)(mean / (typical + 0.05 * mean));
-            if (r->has_chain && r->chain_space.part == WHOLE) r->film[pixel].threshold = (float)(typical + 0.05 * mean);   /* survey scales it */
-        }
-        double values = 3 * (double)r->pixels;
-        bool known = !r->has_chain || r->stats.b == 0 || r->steps_square < r->steps_sum * r->steps_sum;
-        if (known) r->relative_error = sqrt((sampled + chain) / values);
-        if (known && r->has_chain && r->stats.b > 0) {
-            if (r->has_direct) r->direct_share = best_share(sampled, r->passes.rays, chain, r->stats.chain_rays + r->stats.start_rays, r->settings->seconds > 0 ? 50 : 4);
-            r->chain_error = chain / values;
-            /* what the uncertain b alone contributes */
-            double relative_b = r->b_variance_sum / (r->b_sum * r->b_sum), by_b = relative_b * chain_energy;
-            r->start_share = best_share(by_b, r->stats.start_rays, fmax(chain - by_b, 0.1 * chain), r->stats.chain_rays, 2);
-        }
-    } else if (!r->has_chain || r->stats.bootstrap_hits == 0) r->relative_error = 0;     /* black, and nothing says that it should not be */
-    free(local);
-}
-
-void render_image(const Render *r, Image *image)
-{
-    for (size_t i = 0; i < 3 * r->pixels; i++) image->rgb[i] = (float)estimate(r, i).value;
-}
-
-void render_error_image(const Render *r, Image *image)
-{
-    for (size_t i = 0; i < 3 * r->pixels; i++) {
-        Estimate e = estimate(r, i);
-        image->rgb[i] = (float)sqrt(e.sampled_variance + e.chain_variance);
-    }
 }
 
 /* ---- chains ---- */
@@ -315,28 +174,29 @@ static double bootstrap_samples(const Render *r, double steps)
     return fmax(r->settings->seconds > 0 ? 1000 : 100000.0 / ROUNDS, r->start_share * r->samples_per_step * steps);
 }
 
-/* How much the next round is to do, and until when; false if nothing is left. The first is a pilot. */
+/* How much the next round is to do, and until when; false if nothing is left. The first are pilots. */
 static bool plan_round(Render *r)
 {
     const Settings *s = r->settings;
-    double total = s->per_pixel * (double)r->pixels, left = (double)(PILOTS + ROUNDS) - (double)r->rounds, share = r->rounds < PILOTS ? 0.01 : 1 / left;
-    Round *round = &r->round;
-    *round = (Round){ .phase = CHAINS, .planned = total > 0 || s->seconds > 0 ? INFINITY : 16 * (double)r->pixels, .deadline = INFINITY, .chain_deadline = INFINITY };
-    if (isinf(round->planned) && left <= 0) return false;
-    if (total > 0) round->planned = floor((total - r->steps_sum) * share + 0.5);
-    if (r->rounds < PILOTS) round->planned = fmin(round->planned, PILOT_STEPS * (double)r->pixels);
+    double total = s->per_pixel * (double)r->pixels, left = (double)r->last_round - (double)r->rounds, share = r->rounds < PILOTS ? 0.01 : 1 / left;
+    Round round = { .phase = CHAINS, .planned = total > 0 || s->seconds > 0 ? INFINITY : 16 * (double)r->pixels, .deadline = INFINITY, .chain_deadline = INFINITY };
+    if (isinf(round.planned) && left <= 0) return false;
+    if (total > 0) round.planned = floor((total - r->steps_sum) * share + 0.5);
+    if (r->rounds < PILOTS) round.planned = fmin(round.planned, PILOT_STEPS * (double)r->pixels);
+    else if (r->last_round > PILOTS + ROUNDS && round.planned == 0) return false;   /* it was no longer than before */
     double n = 0;
     if (s->seconds > 0) {
         double now = clock_now(), time = (s->start + s->seconds - now) * share;
         if (!(time > 0)) return false;
-        round->deadline = now + time;
+        round.deadline = now + time;
         if (r->has_direct) time /= 1 + r->direct_share;
-        round->chain_deadline = now + time;
-        round->planned = fmin(round->planned, floor(1.3 * r->rate * time) + 1);
-        n = fmin(bootstrap_samples(r, round->planned), fmax(256, 0.67 * r->samples_rate * time));
-    } else n = bootstrap_samples(r, round->planned);
+        round.chain_deadline = now + time;
+        round.planned = fmin(round.planned, floor(1.3 * r->rate * time) + 1);
+        n = fmin(bootstrap_samples(r, round.planned), fmax(256, 0.67 * r->samples_rate * time));
+    } else n = bootstrap_samples(r, round.planned);
     if (s->bootstrap) n = ceil((double)s->bootstrap / ROUNDS);
-    round->n_bootstrap = (uint64_t)fmin(n, 4e7);
+    round.n_bootstrap = (uint64_t)fmin(n, 4e7);
+    r->round = round;
     r->rounds++;
     return true;
 }
@@ -360,6 +220,11 @@ static bool run_round(Render *r)
         r->stats.bad_samples += boot.bad;
         r->stats.bootstrap_samples += boot.n;
         r->stats.bootstrap_hits += boot.hits;
+        for (int c = 0; c < CLASSES; c++) {
+            r->stats.found[c].hits += boot.found[c].hits;
+            r->stats.found[c].weight += boot.found[c].weight;
+            r->stats.found[c].square += boot.found[c].square;
+        }
         r->stats.start_rays += *rays - before;
     }
     double began = clock_now(), seconds_start = began - start;
@@ -400,11 +265,21 @@ void run_close_chains(Render *r)
 {
     double n = r->round.steps;
     if (n > 0) {
-        double scale = r->round.b * (double)r->pixels / n;
+        double scale = r->round.b * (double)r->pixels / n, light[TILES_ACROSS * TILES_ACROSS] = { 0 };
+        size_t values[TILES_ACROSS * TILES_ACROSS] = { 0 };
         for (size_t i = 0; i < 3 * r->pixels; i++) {
             double value = scale * r->film[i / 3].sum[i % 3];
+            uint32_t tile = run_tile(r, i / 3);
             r->sum[i] += n * value;
             r->square[i] += n * value * value;
+            light[tile] += value;
+            values[tile]++;
+        }
+        for (uint32_t t = 0; t < run_tiles(r); t++) {
+            double value = light[t] / (double)values[t];
+            r->tile[t].sum += n * value;
+            r->tile[t].square += n * value * value;
+            r->tile[t].largest = fmax(r->tile[t].largest, n * value);
         }
         r->steps_sum += n;
         r->steps_square += n * n;
@@ -491,6 +366,8 @@ static void end_pilot(Render *r)
     memset(r->sum, 0, bytes);
     memset(r->square, 0, bytes);
     clear_film(r);
+    memset(r->tile, 0, sizeof r->tile);
+    memset(r->stats.found, 0, sizeof r->stats.found);
     r->steps_sum = r->steps_square = r->b_sum = r->b_variance_sum = 0;
     r->seeds_per_sample = 0;
     r->relative_error = NAN;
@@ -504,6 +381,7 @@ static void end_pilot(Render *r)
     if (!r->has_direct) return;
     memset(r->passes.sum, 0, bytes);
     memset(r->passes.square, 0, bytes);
+    memset(r->passes.direct, 0, r->pixels * sizeof *r->passes.direct);
     memset(r->passes.count, 0, r->scene->camera.height * sizeof *r->passes.count);
     r->passes.rows = r->passes.rays = 0;
 }
@@ -565,6 +443,12 @@ static bool run_passes(Render *r)
     r->stats.seconds_direct += clock_now() - start;
     run_learn(r);
     return true;
+}
+
+/* Where nothing is left of what an earlier run was asked for, a resumed one ends at once; with more asked for it has as many rounds again for the rest. */
+void run_go_on(Render *r)
+{
+    if (r->rounds == r->last_round) r->last_round += ROUNDS;
 }
 
 bool render_run(Render *r, bool (*keep_going)(void *, const Render *), void *context)

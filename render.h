@@ -29,6 +29,12 @@ typedef struct {
     double relative_error;         /* sqrt of the estimated relMSE of the picture; NAN while unknown */
     uint64_t bad_samples;
     uint64_t bootstrap_samples, bootstrap_hits;
+    struct { uint64_t hits; double weight, square; } found[CLASSES];   /* bootstrap samples that found such paths; sums of their weights and squares */
+    double chain_part;             /* of the picture's light, what the chains bring */
+    /* Whether the rounds agree, tile by tile of the film; of finished rounds. */
+    uint32_t tiles, rounds, tiles_disagreeing;  /* most of the chains' light, and enough to be seen, came in one round alone */
+    double largest_tile_error;     /* standard error of a tile's mean, relative to it; NAN while unknown */
+    double effective_samples;      /* of the chains: so many independent paths would spread as unevenly over tiles and rounds; NAN while unknown */
     ChainCount chain;
 } RenderStats;
 

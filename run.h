@@ -6,6 +6,7 @@
 /* Independent samples, row by row: sum and sum of squares of the samples of each pixel, and what light subpaths bring to any pixel. */
 typedef struct {
     double *sum, *square, *light, *light_square;   /* [pixels][3]; light only for bdpt */
+    double *direct;                /* [pixels] of 'sum', over channels, what is direct light: it may be large in one pixel alone, and is no outlier */
     uint32_t *count;               /* [height] samples in each pixel of a row */
     uint64_t rows;                 /* sampled so far; the pass is rows / height */
     uint64_t rays;
@@ -22,6 +23,11 @@ typedef struct {
     double deadline, chain_deadline;
 } Round;
 
+/* The chains' light in a part of the film, a mean over its values: over finished rounds the sums of steps * it and of steps * it^2, and the
+ * largest steps * it of a round. */
+enum { TILES_ACROSS = 8, TILE_PIXELS = 16 };   /* at most so many; not smaller than so many pixels */
+typedef struct { double sum, square, largest; } Tile;
+
 struct Render {
     const Scene *scene;
     const Settings *settings;
@@ -37,8 +43,9 @@ struct Render {
     double *sum, *square;          /* [pixels][3] */
     double steps_sum, steps_square;/* over finished rounds: of steps, and of steps^2 */
     double b_sum, b_variance_sum;  /* over rounds: of steps * b, and of steps^2 * variance of b */
+    Tile tile[TILES_ACROSS * TILES_ACROSS];
     Round round;
-    uint64_t rounds;               /* begun so far */
+    uint64_t rounds, last_round;   /* begun so far; the number at which a run with a limit ends */
     double rate, samples_rate;     /* steps and bootstrap samples per second; guesses before the pilot */
     double direct_share;           /* rays of direct light per ray of the chains */
     double start_share;            /* rays of the bootstrap per ray of the chains */
@@ -54,8 +61,13 @@ struct Render {
 
 /* Adds the chains of the round under way to those of finished rounds. */
 void run_close_chains(Render *render);
+/* The part of the film that a pixel is in, and how many there are. */
+uint32_t run_tile(const Render *render, size_t pixel);
+uint32_t run_tiles(const Render *render);
 /* Estimates the error of the picture, and from it the shares of work and the two-stage weight. */
 void run_learn(Render *render);
+/* After an earlier run's state was read: lets a run whose rounds are all done have more. */
+void run_go_on(Render *render);
 /* Divides the integrand at the thresholds: capped values to the path tracer, the rest to the chains. */
 void run_divide(Render *render);
 #endif

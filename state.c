@@ -92,6 +92,7 @@ static void pass_state(Stream *s, Render *r)
     size_t doubles = 3 * r->pixels * sizeof(double);
     double *arrays[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square, r->sum, r->square };
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) pass_array(s, arrays[i], doubles);
+    pass_array(s, r->passes.direct, r->pixels * sizeof *r->passes.direct);
     pass_array(s, r->passes.count, r->scene->camera.height * sizeof *r->passes.count);
     pass_array(s, r->film, r->pixels * sizeof *r->film);
     pass(s, &r->passes.rows, sizeof r->passes.rows);
@@ -100,18 +101,20 @@ static void pass_state(Stream *s, Render *r)
     double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share, &r->samples_per_step, &r->seeds_per_sample, &r->relative_error };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
     uint64_t divided = r->chain_space.part != WHOLE;
+    pass(s, r->tile, sizeof r->tile);
     pass(s, &divided, sizeof divided);
     if (divided && !s->write) run_divide(r);
     pass(s, &r->sampler.tuning, sizeof r->sampler.tuning);
     pass(s, &r->round, sizeof r->round);
     pass(s, &r->rounds, sizeof r->rounds);
+    pass(s, &r->last_round, sizeof r->last_round);
     pass(s, &r->stats, sizeof r->stats);
 }
 
 static Header header_of(const Render *r)
 {
     const Camera *c = &r->scene->camera;
-    return (Header){ { 'M', 'L', 'T', 'R', 'U', 'N', '1', '\n' }, identity(r->scene, r->settings), r->settings->seed, sizeof(Path), c->width, c->height,
+    return (Header){ { 'M', 'L', 'T', 'R', 'U', 'N', '2', '\n' }, identity(r->scene, r->settings), r->settings->seed, sizeof(Path), c->width, c->height,
                      (uint32_t)r->settings->integrator, (uint32_t)r->settings->direct };
 }
 
@@ -146,7 +149,7 @@ static FILE *open_state(const char *path, Header *header, Report *report)
 {
     FILE *file = fopen(path, "rb");
     if (!file) report_error(report, path, 0, "%s", strerror(errno));
-    else if (fread(header, sizeof *header, 1, file) != 1 || memcmp(header->magic, "MLTRUN1\n", 8) != 0 || header->path_bytes != sizeof(Path)
+    else if (fread(header, sizeof *header, 1, file) != 1 || memcmp(header->magic, "MLTRUN2\n", 8) != 0 || header->path_bytes != sizeof(Path)
           || header->width - 1 >= 65535 || header->height - 1 >= 65535) {
         report_error(report, path, 0, "not the saved state of a run, or of another version of mlt");
         fclose(file);
@@ -168,8 +171,7 @@ bool render_resume(Render *r, const char *path, Report *report)
         if (s.ok && r->round.phase == CHAINS && r->round.left > 0) pass_path(&s, r->x, &r->scene->mesh);
         ok = s.ok && getc(file) == EOF;
         if (!ok) report_error(report, path, 0, "the saved state is damaged");
-        /* A run that had come to its end, or out of time, was left at a round that has no plan. */
-        if (r->round.phase == CHAINS && r->round.n_bootstrap == 0) r->round.phase = PLAN;
+        if (ok && r->has_chain && r->round.phase == PLAN) run_go_on(r);
         r->round.deadline = r->round.chain_deadline = INFINITY;    /* they were of another clock */
         if (r->settings->seconds > 0) r->round.deadline = r->round.chain_deadline = r->settings->start + r->settings->seconds;
     }
@@ -300,6 +302,7 @@ Render *render_merge(const char *const *path, int n, Report *report)
         double *to[] = { merged->passes.sum, merged->passes.square, merged->passes.light, merged->passes.light_square, merged->sum, merged->square };
         double *from[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square, r->sum, r->square };
         for (size_t a = 0; a < sizeof to / sizeof *to; a++) add_array(to[a], from[a], 3 * r->pixels);
+        if (merged->passes.direct) add_array(merged->passes.direct, r->passes.direct, r->pixels);
         for (uint32_t row = 0; merged->passes.count && row < header.height; row++) merged->passes.count[row] += r->passes.count[row];
         merged->passes.rows += r->passes.rows;
         merged->steps_sum += r->steps_sum;

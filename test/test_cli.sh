@@ -8,6 +8,7 @@
 
 mlt=${1:-./mlt}
 case $mlt in /*) ;; *) mlt=$PWD/$mlt ;; esac
+shipped=$PWD/scenes                                    # the caller is at the project's root
 folder=$(mktemp -d) || exit 1
 trap 'rm -rf "$folder"' EXIT
 trap 'exit 1' HUP INT TERM
@@ -376,7 +377,18 @@ for options in '' '--direct chain' '--integrator path' '--integrator bdpt'; do
     check "a run that was done stays as it was: $options" cmp out/a.pfm out/b.pfm
     check "and again: $options" cmp out/a.pfm out/c.pfm
 done
-rm out/?.pfm out/done
+# What was done can be had longer: exactly as much as asked for, and a better picture.
+for options in '' '--direct chain' '--integrator path'; do
+    expect 0 room.obj -q -n 40 $options --save out/done -o out/a.pfm
+    expect 0 room.obj -q -n 4000 $options --resume out/done --stats out/stats -o out/b.pfm
+    wanted=$((4000 * 24 * 16))
+    case $options in '--direct chain') check "a run that was done goes on to a larger -n: $options" test "$(value mutations out/stats)" -eq $wanted ;; esac
+    expect 0 compare out/b.pfm whole.pfm
+    better=$(sed -n 's/^relmse //p' stdout)
+    expect 0 compare out/a.pfm whole.pfm
+    check "and becomes better: $options" awk -v a="$(sed -n 's/^relmse //p' stdout)" -v b="$better" 'BEGIN { exit !(10 * b < a) }'
+done
+rm out/?.pfm out/done out/stats
 "$mlt" room.obj $long --save out/state >stdout 2>stderr &
 sleep 0.2 2>/dev/null || sleep 1
 kill -KILL $!
@@ -464,15 +476,17 @@ for text in '{"a": nan}' '{"a": 1,}' '{"a": [1 2]}' '{"a": 1' '{"a": inf}' '{"a"
 done
 
 keys='seconds_load seconds_build seconds_start seconds_direct seconds_chain triangles mutations mutations_per_second rays rays_per_mutation
-      b b_stderr estimated_relative_error peak_bytes bad_samples longest_rejection_run'
+      b b_stderr estimated_relative_error peak_bytes bad_samples longest_rejection_run
+      tiles tiles_disagreeing largest_tile_error effective_sample_size chain_part'
 for options in 'room.obj' 'room.obj --integrator path' 'room.obj --integrator bdpt' 'room.obj --direct only' 'dark.obj' 'blind.obj' 'room.obj -s 1x1 -n 0.5' \
                'room.obj -t 0.0001'; do
     expect 0 $short $options --stats out/stats -o out/a.pfm
     check "well-formed: $options" well_formed out/stats
     for key in $keys; do check "key $key: $options" grep -q "^ *\"$key\": [-0-9n]" out/stats; done
     check "key strategies: $options" grep -q '"strategies": \[' out/stats
+    check "key classes: $options" grep -q '"classes": \[' out/stats
 done
-expect 0 room.obj $short --stats out/stats -o out/a.pfm
+expect 0 room.obj $short --direct chain --stats out/stats -o out/a.pfm     # all light to the chains: none of the rounds is black
 check 'mutations are -n times pixels' test "$(value mutations out/stats)" -eq $((4 * 24 * 16))
 check 'triangles' test "$(value triangles out/stats)" -eq 6
 check 'bad_samples' test "$(value bad_samples out/stats)" -eq 0
@@ -480,7 +494,7 @@ check 'memory' between 1e5 1e10 "$(value peak_bytes out/stats)"
 check 'b' between 1e-3 1e3 "$(value b out/stats)"
 for name in bidir lens caustic chain subpath; do check "strategy $name" grep -q "\"name\": \"$name\", \"proposed\": [0-9]*, \"zero\": [0-9]*, \"accepted\": [0-9]*" out/stats; done
 check 'proposals add up' awk -v all="$(value mutations out/stats)" '
-    /"name"/ {
+    /"proposed"/ {
         gsub(/[^0-9,:]/, ""); split($0, part, /[,:]+/)
         proposed = part[2]; zero = part[3]; accepted = part[4]; reasons = 0
         for (i = 5; i in part; i++) reasons += part[i]
@@ -492,6 +506,31 @@ expect 0 room.obj $short --stats - -o out/a.pfm
 check '--stats - is JSON on standard output' well_formed stdout
 expect 0 room.obj $short --stats /dev/null -o out/a.pfm
 check 'a device is not replaced by a file' test -c /dev/null
+rm -f out/*
+
+# ---- what the picture says of itself ----
+
+# Estimated over true relMSE, its median over seeds; the reference has a hundred times the work.
+expect 0 "$shipped/cornell.obj" -q -s 24x24 -n 5000 --seed 100 -o out/reference.pfm
+for seed in 1 2 3 4 5 6 7 8 9; do
+    expect 0 "$shipped/cornell.obj" -s 24x24 -n 50 --seed $seed --stats out/stats -o out/a.pfm
+    check "nothing found by chance in cornell: seed $seed" silent
+    check "all tiles agree: seed $seed" test "$(value tiles_disagreeing out/stats)" -eq 0
+    expect 0 compare out/a.pfm out/reference.pfm
+    echo "$(value estimated_relative_error out/stats) $(sed -n 's/^relmse //p' stdout)" >>ratios
+done
+median=$(awk '{ print $1 * $1 / $2 }' ratios | sort -g | sed -n 5p)
+check "the estimated error is the true one: median ratio $median" between 0.5 2 "$median"
+check 'an error estimated half as large would be noticed' not between 0.5 2 "$(awk "BEGIN { print $median / 4 }")"
+check 'an error estimated twice as large would be noticed' not between 0.5 2 "$(awk "BEGIN { print $median * 4 }")"
+
+# The floor of the pool is first found by chance, here by few rounds.
+expect 0 "$shipped/pool.obj" -s 80x60 -n 50 --stats out/stats -o out/a.pfm
+check 'a warning for light found by chance' grep -q '^mlt: warning: .* tiles got most of their light in one round' stderr
+check 'counted' between 1 15 "$(value tiles_disagreeing out/stats)"
+check 'a warning for the class of paths' grep -q '^mlt: warning: caustics seen through .* bootstrap samples carry' stderr
+expect 0 "$shipped/pool.obj" -q -s 80x60 -n 50 -o out/a.pfm
+check 'no warning with -q' silent
 rm -f out/*
 
 # ---- quiet and verbose ----
