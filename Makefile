@@ -8,7 +8,7 @@
 #   make stress      scenes that break renderers, three estimators in agreement: some minutes
 #   make docs-figures  the pictures of README and doc/
 #   make kill        interrupts runs at random moments: seven minutes
-#   make drift       one chain of 1e9 mutations: twenty minutes
+#   make drift       one chain of 1e9 mutations: nine minutes
 #   make bench       speed of ray queries, error against time, cost against size
 #   make install     PREFIX=/usr/local, DESTDIR=
 
@@ -64,7 +64,7 @@ stress: $(BUILD)/stress
 $(BUILD)/stress: $(BUILD)/stress.o $(OBJECTS)
 	$(COMPILE) $(LDFLAGS) $^ -o $@ -lm
 
-# One long chain: what its states have cached against the same from scratch, and its light against independent samples. Twenty minutes;
+# One long chain: what its states have cached against the same from scratch, and its light against independent samples. Nine minutes;
 # build/main/drift MUTATIONS for another length.
 drift: $(BUILD)/drift
 	$(BUILD)/drift
