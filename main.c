@@ -193,8 +193,8 @@ static void warn_of_chance(const RenderStats *s, Report *report)
     for (int i = 0; i < CLASSES; i++) {
         double share = class_share(s, i) * s->chain_part;
         if (share > 0.05 && class_worth(s, i) < 50)
-            report_warning(report, NULL, 0, "%s: %.0f of %" PRIu64 " bootstrap samples carry %.0f %% of the picture's light: its brightness is not to be trusted",
-                           path_class_name[i], ceil(class_worth(s, i)), s->bootstrap_samples, 100 * share);
+            report_warning(report, NULL, 0, "%s: %.0f %% of the picture's light rest on some %.0f of %" PRIu64 " bootstrap samples: its brightness is not to be trusted",
+                           path_class_name[i], 100 * share, ceil(class_worth(s, i)), s->bootstrap_samples);
     }
     if (s->tiles_disagreeing)
         report_warning(report, NULL, 0, "%u of %u tiles got most of their light in one round of %u: that light was found by chance and may be too bright or too dim "

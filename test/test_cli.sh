@@ -528,7 +528,7 @@ check 'an error estimated twice as large would be noticed' not between 0.5 2 "$(
 expect 0 "$shipped/pool.obj" -s 80x60 -n 50 --stats out/stats -o out/a.pfm
 check 'a warning for light found by chance' grep -q '^mlt: warning: .* tiles got most of their light in one round' stderr
 check 'counted' between 1 15 "$(value tiles_disagreeing out/stats)"
-check 'a warning for the class of paths' grep -q '^mlt: warning: caustics seen through .* bootstrap samples carry' stderr
+check 'a warning for the class of paths' grep -q '^mlt: warning: caustics seen through .* bootstrap samples' stderr
 expect 0 "$shipped/pool.obj" -q -s 80x60 -n 50 -o out/a.pfm
 check 'no warning with -q' silent
 rm -f out/*
