@@ -10,6 +10,7 @@
  *
  * Must not know: how the tree came about (bvh_build.c), materials, paths. */
 #include "bvh_tree.h"
+#include "cache.h"
 #include <float.h>
 #include <string.h>
 #ifdef __SSE2__
@@ -216,7 +217,6 @@ static inline void aim(Walk *w, const double o[3], const double d[3], double wid
 static inline unsigned lowest(unsigned mask) { return (unsigned)__builtin_ctz(mask | 1u << WIDTH); }
 static inline unsigned highest(unsigned mask) { return 31 - (unsigned)__builtin_clz(mask | 1); }
 static inline unsigned count_bits(unsigned mask) { return (unsigned)__builtin_popcount(mask); }
-static inline void prefetch_line(const void *p) { __builtin_prefetch(p); }
 #else
 static inline unsigned lowest(unsigned mask)
 {
@@ -238,8 +238,6 @@ static inline unsigned count_bits(unsigned mask)
     for (; mask; mask &= mask - 1) n++;
     return n;
 }
-
-static inline void prefetch_line(const void *p) { (void)p; }
 #endif
 
 static inline const Node *node_at(const Bvh *bvh, Child c) { return (const Node *)(const void *)(bvh->tree + (size_t)(c >> 1) * UNIT); }

@@ -4,36 +4,64 @@
  */
 #include "run.h"
 #include <stdlib.h>
+#include <string.h>
 
 enum { LEAST_ROUNDS = 6 };         /* that can be said to agree or not */
 
-/* Value i (channel i % 3) of the picture, and the variance of that value: from independent samples and from chains; the variance of the
- * chains' part is known once two rounds are done. */
-typedef struct { double value, chain /* the chains' part of it */, sampled_variance, chain_variance; } Estimate;
+/* A pixel of the picture by channels, and the variance of its values: of the part that independent samples bring, and of the chains' part, which is
+ * known once two rounds are done. */
+typedef struct { double value[3], chain[3] /* the chains' part of it */, sampled_variance[3], chain_variance[3]; } Estimate;
 
-static Estimate estimate(const Render *r, size_t i)
+/* What is the same for all pixels; 0 where there is nothing of the kind. */
+typedef struct {
+    const Render *render;
+    double light;                  /* the picture is light * (what light subpaths brought) */
+    double per_step, round;        /* + per_step * sum + round * (this round's splats) */
+    double per_closed_step, spread;/* variance of the chains' part: spread * (variance between finished rounds) */
+} Estimator;
+
+static Estimator estimator(const Render *r)
 {
-    Estimate e = { 0, 0, 0, 0 };
-    const Passes *p = &r->passes;
-    if (r->has_direct) {
-        uint32_t width = r->scene->camera.width, height = r->scene->camera.height;
-        double n = p->count[i / 3 / width];
-        if (n > 0) e.value = p->sum[i] / n;
-        if (n > 1) e.sampled_variance = fmax(0, p->square[i] / n - e.value * e.value) / (n - 1);
-        if (p->light && p->rows > 0) {
-            double scale = (double)height / (double)p->rows;
-            e.value += scale * p->light[i];
-            e.sampled_variance += scale * scale * p->light_square[i];
+    Estimator e = { .render = r };
+    double steps = r->steps_sum + r->round.steps;
+    if (r->passes.light && r->passes.rows > 0) e.light = (double)r->scene->camera.height / (double)r->passes.rows;
+    if (r->has_chain && steps > 0) {
+        double share = r->steps_sum > 0 ? r->steps_square / (r->steps_sum * r->steps_sum) : 1;
+        e.per_step = 1 / steps;
+        e.round = r->round.b * (double)r->pixels / steps;
+        if (share < 1) {
+            e.per_closed_step = 1 / r->steps_sum;
+            e.spread = share / (1 - share) * (r->steps_sum / steps);
         }
     }
-    double steps = r->steps_sum + r->round.steps;
-    if (r->has_chain && steps > 0) {
-        e.chain = (r->sum[i] + r->round.b * (double)r->pixels * r->film[i / 3].sum[i % 3]) / steps;
-        e.value += e.chain;
-        double share = r->steps_sum > 0 ? r->steps_square / (r->steps_sum * r->steps_sum) : 1;
-        if (share < 1) {
-            double mean = r->sum[i] / r->steps_sum;
-            e.chain_variance = fmax(0, r->square[i] / r->steps_sum - mean * mean) * share / (1 - share) * (r->steps_sum / steps);
+    return e;
+}
+
+static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
+{
+    const Render *r = of->render;
+    const Passes *p = &r->passes;
+    size_t pixel = (size_t)y * r->scene->camera.width + x;
+    Estimate e = { { 0 }, { 0 }, { 0 }, { 0 } };
+    if (r->has_direct) {
+        double n = p->count[y], inv_n = n > 0 ? 1 / n : 0, inv_rest = n > 1 ? 1 / (n - 1) : 0;
+        const double *sum = p->sum + 3 * pixel, *square = p->square + 3 * pixel;
+        for (int i = 0; i < 3; i++) {
+            e.value[i] = sum[i] * inv_n;
+            e.sampled_variance[i] = larger(0, square[i] * inv_n - e.value[i] * e.value[i]) * inv_rest;
+            if (of->light > 0) {
+                e.value[i] += of->light * p->light[3 * pixel + (size_t)i];
+                e.sampled_variance[i] += of->light * of->light * p->light_square[3 * pixel + (size_t)i];
+            }
+        }
+    }
+    if (of->per_step > 0) {
+        const double *sum = r->sum + 3 * pixel, *square = r->square + 3 * pixel;
+        for (int i = 0; i < 3; i++) {
+            double mean = sum[i] * of->per_closed_step;
+            e.chain[i] = of->per_step * sum[i] + of->round * r->film[pixel].sum[i];
+            e.value[i] += e.chain[i];
+            e.chain_variance[i] = larger(0, square[i] * of->per_closed_step - mean * mean) * of->spread;
         }
     }
     return e;
@@ -43,55 +71,69 @@ static float smaller_f(float a, float b) { return a < b ? a : b; }
 static uint32_t smaller_u(uint32_t a, uint32_t b) { return a < b ? a : b; }
 static float larger_f(float a, float b) { return a < b ? b : a; }
 
-static float median5(const float v[5])
+typedef float Combine(float, float, float, float, float);
+
+static inline float median5(float a, float b, float c, float d, float e)
 {
-    float low = larger_f(smaller_f(v[0], v[1]), smaller_f(v[2], v[3])), high = smaller_f(larger_f(v[0], v[1]), larger_f(v[2], v[3]));
-    return larger_f(smaller_f(low, high), smaller_f(larger_f(low, high), v[4]));   /* low, high: the middle two of four */
+    float low = larger_f(smaller_f(a, b), smaller_f(c, d)), high = smaller_f(larger_f(a, b), larger_f(c, d));
+    return larger_f(smaller_f(low, high), smaller_f(larger_f(low, high), e));   /* low, high: the middle two of four */
 }
 
-/* Along rows, then along columns: each pixel becomes combine(itself, two to the left and right that are 'stride' apart). */
-static void filter(const Render *r, float *picture, float *work, uint32_t stride, float (*combine)(const float v[5]))
+static inline float mean5(float a, float b, float c, float d, float e) { return (a + b + c + d + e) / 5; }
+
+enum { STRIDE = 2 };               /* the longest between the pixels that a filter combines */
+
+/* Along rows, then along columns: each pixel becomes combine(itself, two to the left and right that are 'stride' apart). 'work' has room for the
+ * picture and for one row with 2 STRIDE more pixels at both ends. */
+static inline void filter(const Render *r, float *picture, float *work, size_t stride, Combine *combine)
 {
-    uint32_t width = r->scene->camera.width, height = r->scene->camera.height;
-    for (int pass = 0; pass < 2; pass++) {
-        const float *from = pass == 0 ? picture : work;
-        uint32_t last = (pass == 0 ? width : height) - 1;
-        for (uint32_t y = 0; y < height; y++)
-            for (uint32_t x = 0; x < width; x++) {
-                uint32_t at = pass == 0 ? x : y;
-                float v[5];
-                for (uint32_t i = 0; i < 5; i++) {
-                    uint32_t to = at + stride * i < 2 * stride ? 0 : smaller_u(at + stride * i - 2 * stride, last);
-                    v[i] = from[pass == 0 ? (size_t)y * width + to : (size_t)to * width + x];
-                }
-                (pass == 0 ? work : picture)[(size_t)y * width + x] = combine(v);
-            }
+    size_t width = r->scene->camera.width, height = r->scene->camera.height, margin = 2 * stride;
+    float *row = work + r->pixels;
+    for (size_t y = 0; y < height; y++) {
+        const float *from = picture + y * width;
+        float *to = work + y * width;
+        memcpy(row + margin, from, width * sizeof *row);
+        for (size_t i = 0; i < margin; i++) {
+            row[i] = from[0];
+            row[margin + width + i] = from[width - 1];
+        }
+        for (size_t x = 0; x < width; x++) to[x] = combine(row[x], row[x + stride], row[x + 2 * stride], row[x + 3 * stride], row[x + 4 * stride]);
+    }
+    for (size_t y = 0; y < height; y++) {
+        const float *in[5];
+        float *to = picture + y * width;
+        for (size_t i = 0; i < 5; i++) {
+            size_t from = y + i * stride < margin ? 0 : y + i * stride - margin;
+            in[i] = work + (from < height ? from : height - 1) * width;
+        }
+        for (size_t x = 0; x < width; x++) to[x] = combine(in[0][x], in[1][x], in[2][x], in[3][x], in[4][x]);
     }
 }
-
-static float mean5(const float v[5]) { return (v[0] + v[1] + v[2] + v[3] + v[4]) / 5; }
 
 /* The picture's brightness without its outliers, a mean over channels: the median of the surroundings, or, for small features, the mean of so much of
  * nearby values as lies above their standard errors. By a plain mean one firefly would starve its surroundings of chains and so beget
  * others. *mean receives that of the picture. False if memory runs out. */
 static bool typical_brightness(const Render *r, float *out, double *mean)
 {
-    float *safe = malloc(r->pixels * sizeof *safe), *work = malloc(r->pixels * sizeof *work);
+    float *safe = malloc(r->pixels * sizeof *safe), *work = malloc((r->pixels + r->scene->camera.width + 4 * STRIDE) * sizeof *work);
     bool ok = safe && work;
     *mean = 0;
     if (ok) {
-        for (size_t pixel = 0; pixel < r->pixels; pixel++) {
-            double value = 0, error = 0;
-            for (size_t i = 3 * pixel; i < 3 * pixel + 3; i++) {
-                Estimate e = estimate(r, i);
-                value += e.value / 3;
-                error += sqrt(e.sampled_variance + e.chain_variance) / 3;
+        Estimator all = estimator(r);
+        float *bright = out, *low = safe;
+        for (uint32_t y = 0; y < r->scene->camera.height; y++)
+            for (uint32_t x = 0; x < r->scene->camera.width; x++) {
+                Estimate e = estimate(&all, x, y);
+                double value = 0, error = 0;
+                for (int i = 0; i < 3; i++) {
+                    value += e.value[i] / 3;
+                    error += sqrt(e.sampled_variance[i] + e.chain_variance[i]) / 3;
+                }
+                *mean += value / (double)r->pixels;
+                *bright++ = (float)value;
+                *low++ = (float)larger(0, value - error);
             }
-            *mean += value / (double)r->pixels;
-            out[pixel] = (float)value;
-            safe[pixel] = (float)fmax(0, value - error);
-        }
-        filter(r, out, work, 2, median5);
+        filter(r, out, work, STRIDE, median5);
         filter(r, safe, work, 1, mean5);
         for (size_t pixel = 0; pixel < r->pixels; pixel++) out[pixel] = larger_f(out[pixel], safe[pixel]);
     }
@@ -111,9 +153,9 @@ static double likely_value(double value, double variance, double typical)
 
 /* What to expect of a pixel's values: what is typical, unless there is far more direct light. A lamp, or its image, may be seen in one pixel alone and
  * fill so little of that one that its samples look like outliers; but direct light has none. */
-static double surroundings(const Render *r, size_t pixel, double typical)
+static double surroundings(const Render *r, size_t pixel, uint32_t y, double typical)
 {
-    double n = r->has_direct ? r->passes.count[pixel / r->scene->camera.width] : 0, direct = n > 0 ? r->passes.direct[pixel] / (3 * n) : 0;
+    double n = r->has_direct ? r->passes.count[y] : 0, direct = n > 0 ? r->passes.direct[pixel] / (3 * n) : 0;
     return direct > 4 * typical ? direct : typical;
 }
 
@@ -121,10 +163,10 @@ static uint32_t tiles_along(uint32_t pixels) { return smaller_u(TILES_ACROSS, pi
 
 uint32_t run_tiles(const Render *r) { return tiles_along(r->scene->camera.width) * tiles_along(r->scene->camera.height); }
 
-uint32_t run_tile(const Render *r, size_t pixel)
+uint32_t run_tile(const Render *r, uint32_t x, uint32_t y)
 {
     uint32_t width = r->scene->camera.width, height = r->scene->camera.height, across = tiles_along(width);
-    return (uint32_t)(pixel / width * tiles_along(height) / height) * across + (uint32_t)(pixel % width * across / width);
+    return y * tiles_along(height) / height * across + x * across / width;
 }
 
 /* Whether the rounds have found the same light. Pixels cannot tell: in most of them a round leaves little. In a tile where one round has brought more
@@ -135,18 +177,20 @@ static void learn_agreement(Render *r, double mean)
     enum { ALL = TILES_ACROSS * TILES_ACROSS };
     uint32_t tiles = run_tiles(r);
     double light[ALL] = { 0 }, variance[ALL] = { 0 }, values[ALL] = { 0 }, energy = 0, unevenness = 0, sum = 0;
-    for (size_t pixel = 0; pixel < r->pixels; pixel++) {
-        uint32_t tile = run_tile(r, pixel);
-        double error = 0;
-        for (size_t i = 3 * pixel; i < 3 * pixel + 3; i++) {
-            Estimate e = estimate(r, i);
-            light[tile] += e.value;
-            sum += e.chain;
-            error += sqrt(e.sampled_variance);     /* channels err together, pixels apart */
+    Estimator all = estimator(r);
+    for (uint32_t y = 0; y < r->scene->camera.height; y++)
+        for (uint32_t x = 0; x < r->scene->camera.width; x++) {
+            uint32_t tile = run_tile(r, x, y);
+            Estimate e = estimate(&all, x, y);
+            double error = 0;
+            for (int i = 0; i < 3; i++) {
+                light[tile] += e.value[i];
+                sum += e.chain[i];
+                error += sqrt(e.sampled_variance[i]);     /* channels err together, pixels apart */
+            }
+            variance[tile] += error * error;
+            values[tile] += 3;
         }
-        variance[tile] += error * error;
-        values[tile] += 3;
-    }
     double rounds = r->steps_square > 0 ? r->steps_sum * r->steps_sum / r->steps_square : 0;   /* as many of equal length */
     RenderStats *s = &r->stats;
     s->tiles = tiles;
@@ -181,24 +225,29 @@ void run_learn(Render *r)
 {
     float *local = malloc(r->pixels * sizeof *local);
     double mean, sampled = 0, chain = 0, chain_energy = 0;   /* the last three relative to the picture, summed over values */
+    r->unlearned = 0;
     if (!local || !typical_brightness(r, local, &mean)) {    /* goes on with what it knew */
         free(local);
         return;
     }
     if (mean > 0) {
-        for (size_t pixel = 0; pixel < r->pixels; pixel++) {
-            double typical = (double)local[pixel], around = surroundings(r, pixel, typical);
-            for (size_t i = 3 * pixel; i < 3 * pixel + 3; i++) {
-                Estimate e = estimate(r, i);
-                double likely = likely_value(e.value, e.sampled_variance + e.chain_variance, around), relative_to = likely * likely + 0.01 * mean * mean;
-                sampled += e.sampled_variance / relative_to;
-                chain += e.chain_variance / relative_to;
-                chain_energy += e.chain * e.chain / relative_to;
+        Estimator all = estimator(r);
+        size_t pixel = 0;
+        for (uint32_t y = 0; y < r->scene->camera.height; y++)
+            for (uint32_t x = 0; x < r->scene->camera.width; x++, pixel++) {
+                Estimate e = estimate(&all, x, y);
+                double typical = (double)local[pixel], around = surroundings(r, pixel, y, typical);
+                for (int i = 0; i < 3; i++) {
+                    double likely = likely_value(e.value[i], e.sampled_variance[i] + e.chain_variance[i], around);
+                    double inverse = 1 / (likely * likely + 0.01 * mean * mean);
+                    sampled += e.sampled_variance[i] * inverse;
+                    chain += e.chain_variance[i] * inverse;
+                    chain_energy += e.chain[i] * e.chain[i] * inverse;
+                }
+                /* pixels in proportion to their relative error: w ~ 1/picture, floored so that none starves */
+                if (r->has_chain) r->film[pixel].weight = (float)(mean / (typical + 0.05 * mean));
+                if (r->has_chain && r->chain_space.part == WHOLE) r->film[pixel].threshold = (float)(typical + 0.05 * mean);   /* survey scales it */
             }
-            /* pixels in proportion to their relative error: w ~ 1/picture, floored so that none starves */
-            if (r->has_chain) r->film[pixel].weight = (float)(mean / (typical + 0.05 * mean));
-            if (r->has_chain && r->chain_space.part == WHOLE) r->film[pixel].threshold = (float)(typical + 0.05 * mean);   /* survey scales it */
-        }
         double values = 3 * (double)r->pixels;
         bool known = !r->has_chain || r->stats.b == 0 || r->steps_square < r->steps_sum * r->steps_sum;
         if (known) r->relative_error = sqrt((sampled + chain) / values);
@@ -216,13 +265,22 @@ void run_learn(Render *r)
 
 void render_image(const Render *r, Image *image)
 {
-    for (size_t i = 0; i < 3 * r->pixels; i++) image->rgb[i] = (float)estimate(r, i).value;
+    Estimator all = estimator(r);
+    float *rgb = image->rgb;
+    for (uint32_t y = 0; y < image->height; y++)
+        for (uint32_t x = 0; x < image->width; x++) {
+            Estimate e = estimate(&all, x, y);
+            for (int i = 0; i < 3; i++) *rgb++ = (float)e.value[i];
+        }
 }
 
 void render_error_image(const Render *r, Image *image)
 {
-    for (size_t i = 0; i < 3 * r->pixels; i++) {
-        Estimate e = estimate(r, i);
-        image->rgb[i] = (float)sqrt(e.sampled_variance + e.chain_variance);
-    }
+    Estimator all = estimator(r);
+    float *rgb = image->rgb;
+    for (uint32_t y = 0; y < image->height; y++)
+        for (uint32_t x = 0; x < image->width; x++) {
+            Estimate e = estimate(&all, x, y);
+            for (int i = 0; i < 3; i++) *rgb++ = (float)sqrt(e.sampled_variance[i] + e.chain_variance[i]);
+        }
 }

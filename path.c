@@ -1,5 +1,6 @@
 /* Path space: growth by one vertex, and the cached quantities of a path. See path.h for the symbols. */
 #include "path.h"
+#include "cache.h"
 #include <string.h>
 
 void path_copy(Path *to, const Path *from)
@@ -37,8 +38,10 @@ bool path_grow_to_lens(const Space *space, Path *p, int i, Rng *rng)
 
 bool path_look(const Space *space, Path *p, double x, double y)
 {
+    const Camera *camera = &space->scene->camera;
+    if (space->film) prefetch_line(&space->film[(uint32_t)y * camera->width + (uint32_t)x]);    /* path_finish reads it when the ray is back */
     p->v[p->k - 1].mode = MODE_NONE;
-    Vec3 w = camera_direction(&space->scene->camera, &p->v[p->k].point, x, y);
+    Vec3 w = camera_direction(camera, &p->v[p->k].point, x, y);
     return scene_trace(space->scene, &p->v[p->k].point, w, &p->v[p->k - 1].point) && path_edge(p, p->k - 1);
 }
 

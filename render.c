@@ -22,6 +22,7 @@ enum {
     CUTS = 19, FIRST_CUT = -8,     /* tau that are weighed: 2^-8 .. 2^10 times the picture's own value */
     SURVEY = 4000,                 /* samples for that */
     PILOT_STEPS = 8,               /* mutations per pixel that a pilot round needs at most */
+    LEARN_STEPS = 2,               /* mutations per pixel after which it pays to learn again: that costs as much as some 0.1 */
     SLICE = 16384,                 /* steps between two looks at the clock */
     STREAM_BITS = 40               /* of a random stream's number, below the round's */
 };
@@ -267,14 +268,19 @@ void run_close_chains(Render *r)
     if (n > 0) {
         double scale = r->round.b * (double)r->pixels / n, light[TILES_ACROSS * TILES_ACROSS] = { 0 };
         size_t values[TILES_ACROSS * TILES_ACROSS] = { 0 };
-        for (size_t i = 0; i < 3 * r->pixels; i++) {
-            double value = scale * r->film[i / 3].sum[i % 3];
-            uint32_t tile = run_tile(r, i / 3);
-            r->sum[i] += n * value;
-            r->square[i] += n * value * value;
-            light[tile] += value;
-            values[tile]++;
-        }
+        size_t i = 0;
+        for (uint32_t y = 0; y < r->scene->camera.height; y++)
+            for (uint32_t x = 0; x < r->scene->camera.width; x++) {
+                const Pixel *pixel = &r->film[i / 3];
+                uint32_t tile = run_tile(r, x, y);
+                values[tile] += 3;
+                for (int channel = 0; channel < 3; channel++, i++) {
+                    double value = scale * pixel->sum[channel];
+                    r->sum[i] += n * value;
+                    r->square[i] += n * value * value;
+                    light[tile] += value;
+                }
+            }
         for (uint32_t t = 0; t < run_tiles(r); t++) {
             double value = light[t] / (double)values[t];
             r->tile[t].sum += n * value;
@@ -403,6 +409,7 @@ static bool run_chains(Render *r)
         if (r->round.phase == CHAINS) {
             if (!run_round(r)) return false;
             if (!going(r)) break;
+            r->unlearned += r->round.steps;
             run_close_chains(r);
             r->round.phase = DIRECT;
         }
@@ -415,7 +422,7 @@ static bool run_chains(Render *r)
         }
         r->stats.seconds_direct += clock_now() - start;
         if (!going(r)) break;
-        run_learn(r);
+        if (r->rounds <= PILOTS || r->rounds == r->last_round || r->unlearned >= LEARN_STEPS * (double)r->pixels) run_learn(r);
         if (r->rounds <= PILOTS) {
             sampler_tune(&r->sampler, r->scene, &r->stats.chain);
             r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };

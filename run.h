@@ -51,6 +51,7 @@ struct Render {
     double start_share;            /* rays of the bootstrap per ray of the chains */
     double samples_per_step;       /* bootstrap samples that cost the rays of one step */
     double seeds_per_sample;       /* worth a chain of their own, of the last bootstrap; 0 while unknown */
+    double unlearned;              /* steps since run_learn */
     double chain_error;            /* the chains' part of the estimated relMSE */
     double relative_error;
     RenderStats stats;
@@ -61,8 +62,8 @@ struct Render {
 
 /* Adds the chains of the round under way to those of finished rounds. */
 void run_close_chains(Render *render);
-/* The part of the film that a pixel is in, and how many there are. */
-uint32_t run_tile(const Render *render, size_t pixel);
+/* The part of the film that a pixel (column, row) is in, and how many there are. */
+uint32_t run_tile(const Render *render, uint32_t x, uint32_t y);
 uint32_t run_tiles(const Render *render);
 /* Estimates the error of the picture, and from it the shares of work and the two-stage weight. */
 void run_learn(Render *render);

@@ -98,7 +98,7 @@ static void pass_state(Stream *s, Render *r)
     pass(s, &r->passes.rows, sizeof r->passes.rows);
     pass(s, &r->passes.rays, sizeof r->passes.rays);
     pass(s, r->scene->rays, sizeof *r->scene->rays);
-    double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share, &r->samples_per_step, &r->seeds_per_sample, &r->relative_error };
+    double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share, &r->samples_per_step, &r->seeds_per_sample, &r->relative_error, &r->unlearned };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
     uint64_t divided = r->chain_space.part != WHOLE;
     pass(s, r->tile, sizeof r->tile);
@@ -149,7 +149,7 @@ static FILE *open_state(const char *path, Header *header, Report *report)
 {
     FILE *file = fopen(path, "rb");
     if (!file) report_error(report, path, 0, "%s", strerror(errno));
-    else if (fread(header, sizeof *header, 1, file) != 1 || memcmp(header->magic, "MLTRUN2\n", 8) != 0 || header->path_bytes != sizeof(Path)
+    else if (fread(header, sizeof *header, 1, file) != 1 || memcmp(header->magic, "MLTRUN3\n", 8) != 0 || header->path_bytes != sizeof(Path)
           || header->width - 1 >= 65535 || header->height - 1 >= 65535) {
         report_error(report, path, 0, "not the saved state of a run, or of another version of mlt");
         fclose(file);
