@@ -78,29 +78,48 @@ double bidir_w(const Path *z, int s, int t)
     return ways == 0 ? 0 : path_routes(z, s, t) / ways;
 }
 
-/* The computable part of 1/R(x|y) [lecture: Deletion Probability]: 1/C for a single edge, the sum over regrowths for longer segments. */
-static double weighted_w(const Tuning *tuning, const Path *z, int s, int t)
+/* w of all segments of k_d edges, s = -1 .. k+1-k_d, in w[s+1]; returns their sum W. The same as bidir_w one by one, but the recurrence of path_routes
+ * goes over all s at once and has no branches. [lecture: Deletion Probability, the computable part of 1/R(x|y)] */
+static double segment_weights(const Tuning *tuning, const Path *z, int k_d, double w[MAX_EDGES + 3])
 {
-    return (s < 0 ? tuning->light_scale : 1) * bidir_w(z, s, t);
-}
-
-/* W(k_d), kept with the path: a state is asked for it again and again until it is replaced. */
-static double sum_of_w(const Tuning *tuning, const Path *z, int k_d)
-{
-    double W = 0;
-    if (k_d <= KEPT_W && z->W[k_d - 1] >= 0) return z->W[k_d - 1];
-    for (int s = -1; s <= z->k + 1 - k_d; s++) W += weighted_w(tuning, z, s, s + k_d);
-    if (k_d <= KEPT_W) ((Path *)z)->W[k_d - 1] = W;
+    /* From here on index i+1 belongs to i of the path; grown: prod 1/S> from v[s] on. */
+    double inv_C[MAX_EDGES + 3], inv_S_lens[MAX_EDGES + 3], inv_S_light[MAX_EDGES + 3], grown[MAX_EDGES + 3], W = 0;
+    int joinable[MAX_EDGES + 3], n = z->k + 3 - k_d, m = k_d - 1;
+    for (int i = 0; i <= z->k; i++) {
+        const Vertex *v = &z->v[i];
+        inv_C[i + 1] = path_inv_C(z, i);
+        inv_S_lens[i + 1] = v->s.inv_S_lens;
+        inv_S_light[i + 1] = v->s.inv_S_light;
+        joinable[i + 1] = i == 0 || i == z->k || !material_is_specular(v->point.surface.material);
+    }
+    inv_C[0] = path_inv_C(z, -1);
+    inv_S_lens[0] = path_inv_S_lens(z, -1);
+    inv_S_light[z->k + 2] = path_inv_S_light(z, z->k + 1);
+    inv_C[z->k + 2] = 0;
+    joinable[0] = 1;
+    joinable[z->k + 2] = 0;
+    for (int s = 0; s < n; s++) {
+        w[s] = inv_C[s];
+        grown[s] = 1;
+    }
+    for (int d = 1; d < k_d; d++)
+        for (int s = 0; s < n; s++) {
+            grown[s] *= inv_S_lens[s + d - 1];
+            w[s] = w[s] * inv_S_light[s + d + 1] + grown[s] * inv_C[s + d];
+        }
+    /* bidir_ways */
+    double per_way[3] = { m > 1 ? 1.0 / (m - 1) : 0, m > 0 ? 1.0 / m : 0, 1.0 / (m + 1) };
+    w[0] *= tuning->light_scale;
+    for (int s = 0; s < n; s++) W += w[s] *= per_way[joinable[s] + joinable[s + k_d]];
     return W;
 }
 
 double bidir_p_d2(const Tuning *tuning, const Path *z, int s, int t)
 {
-    int k_d = t - s;
-    double importance = tuning->p_d2_importance, uniform = (1 - importance) / (z->k + 3 - k_d);
+    double importance = tuning->p_d2_importance, uniform = (1 - importance) / (z->k + 3 - (t - s)), w[MAX_EDGES + 3];
     if (importance == 0) return uniform;
-    double W = sum_of_w(tuning, z, k_d);
-    return W > 0 ? uniform + importance * weighted_w(tuning, z, s, t) / W : uniform;
+    double W = segment_weights(tuning, z, t - s, w);
+    return W > 0 ? uniform + importance * w[s + 1] / W : uniform;
 }
 
 /* The first vertex of the segment. */
@@ -108,8 +127,8 @@ static int draw_s(const Tuning *tuning, const Path *x, int k_d, Rng *rng)
 {
     int last = x->k + 1 - k_d, s = -1;
     if (tuning->p_d2_importance == 0 || rng_double(rng) >= tuning->p_d2_importance) return (int)rng_index(rng, (uint32_t)last + 2) - 1;
-    double left = rng_double(rng) * sum_of_w(tuning, x, k_d);
-    while (s < last && (left -= weighted_w(tuning, x, s, s + k_d)) >= 0) s++;
+    double w[MAX_EDGES + 3], left = rng_double(rng) * segment_weights(tuning, x, k_d, w);
+    while (s < last && (left -= w[s + 1]) >= 0) s++;
     return s;
 }
 

@@ -98,7 +98,6 @@ double path_traced_value(const Path *p)
 
 void path_finish(const Space *space, Path *p)
 {
-    for (int i = 0; i < KEPT_W; i++) p->W[i] = -1;
     p->colour = p->v[0].s.colour;
     for (int i = 1; i < p->k; i++) p->colour = mul(p->colour, p->v[i].s.colour);
     bool direct = path_is_direct(p), in = p->k <= space->max_depth && (space->direct == DIRECT_INCLUDED || direct == (space->direct == DIRECT_ONLY));

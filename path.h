@@ -17,10 +17,7 @@
 #define PATH_H
 #include "scene.h"
 
-enum {
-    MAX_EDGES = 255,               /* the longest path that --max-depth can ask for */
-    KEPT_W = 4
-};
+enum { MAX_EDGES = 255 };          /* the longest path that --max-depth can ask for */
 
 typedef struct {
     Point point;
@@ -37,7 +34,6 @@ typedef struct {
     double light_pdf_a;            /* p_A(x_0), per area */
     Rgb colour;                    /* product of f_s^rgb / F, light and lens included */
     double share, chi;
-    double W[KEPT_W];              /* W(1) .. of the bidirectional mutation's p_d2, kept for it; negative while unknown */
     Vertex v[MAX_EDGES + 1];
 } Path;
 

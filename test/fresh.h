@@ -46,11 +46,6 @@ static inline double fresh_difference(const Space *space, const Tuning *tuning, 
         fresh_worse(&worst, a->inv_G, b->inv_G);
         fresh_apart(&worst, a->to_lens, b->to_lens);
     }
-    for (int k_d = 1; k_d <= KEPT_W && k_d <= x->k + 2; k_d++)
-        if (x->W[k_d - 1] >= 0 && tuning->p_d2_importance > 0) {
-            bidir_p_d2(tuning, work, -1, k_d - 1); /* keeps W(k_d) */
-            fresh_worse(&worst, work->W[k_d - 1], x->W[k_d - 1]);
-        }
     return worst;
 }
 #endif
