@@ -88,7 +88,7 @@ int main(int argc, char **argv)
     int longest = 0;
     for (uint64_t block = 0; block < blocks; block++) {
         chain_run(&space, &sampler, x, y, BLOCK, &rng, record, &light, &count);
-        double difference = fresh_difference(&space, &sampler.tuning, x, fresh);
+        double difference = fresh_difference(&space, x, fresh);
         if (!(difference <= worst)) worst = difference;
         if (x->k > longest) longest = x->k;
         weights = fmax(weights, fabs(light.now[ALL] / BLOCK - 1));
@@ -107,7 +107,7 @@ int main(int argc, char **argv)
     CHECK(light.not_finite == 0);
     CHECK(weights < 1e-9);
     x->v[0].inv_G *= 1.0001;
-    CHECK(fresh_difference(&space, &sampler.tuning, x, fresh) > 1e-6);
+    CHECK(fresh_difference(&space, x, fresh) > 1e-6);
 
     /* b * mean recorded, tile by tile; b has an error of its own */
     double least = 1, b_error = boot.b_variance / (boot.b * boot.b);

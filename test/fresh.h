@@ -16,7 +16,7 @@ static inline void fresh_apart(double *worst, Vec3 a, Vec3 b)
 }
 
 /* The largest relative difference of any cached number of x from the same made anew in 'work'; infinite if x is not a path any more. */
-static inline double fresh_difference(const Space *space, const Tuning *tuning, const Path *x, Path *work)
+static inline double fresh_difference(const Space *space, const Path *x, Path *work)
 {
     double worst = 0;
     path_copy(work, x);

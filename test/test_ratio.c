@@ -167,7 +167,7 @@ static void run_chains(const Space *space, const Sampler *sampler, const Bootstr
             if (rng_double(&rng) >= a) continue;
             worst[row].accepted++;
             path_copy(x, y);
-            worse(&worst[row].fresh, fresh_difference(space, &sampler->tuning, x, &path_store[2]));
+            worse(&worst[row].fresh, fresh_difference(space, x, &path_store[2]));
         }
     }
 }
