@@ -174,6 +174,7 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
         traced = routes.traced * b->plain[n_lens - 2];
         colour = mul(colour, b->lens_colour[n_lens - 2]);
     }
+    if (n_light + n_lens == 2) traced = n_light == 0 ? at_lens.inv_F : b->traced[0];   /* a path tracer samples no light to the lens itself */
     c->pixel = (uint32_t)y * space->scene->camera.width + (uint32_t)x;
     c->traced = luminance(colour) / traced;
     c->direct = is_direct(b, n_light, n_lens);

@@ -44,11 +44,11 @@ static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
     size_t pixel = (size_t)y * r->scene->camera.width + x;
     Estimate e = { { 0 }, { 0 }, { 0 }, { 0 } };
     if (r->has_direct) {
-        double n = p->count[y], inv_n = n > 0 ? 1 / n : 0, inv_rest = n > 1 ? 1 / (n - 1) : 0;
+        double n = p->count[y], inv_n = n > 0 ? 1 / n : 0, rest = n > 1 ? 1 / (n - 1) : 0;
         const double *sum = p->sum + 3 * pixel, *square = p->square + 3 * pixel;
         for (int i = 0; i < 3; i++) {
             e.value[i] = sum[i] * inv_n;
-            e.sampled_variance[i] = larger(0, square[i] * inv_n - e.value[i] * e.value[i]) * inv_rest;
+            e.sampled_variance[i] = n > 1 ? larger(0, square[i] * inv_n - e.value[i] * e.value[i]) * rest : square[i];   /* one sample is no more than a guess */
             if (of->light > 0) {
                 e.value[i] += of->light * p->light[3 * pixel + (size_t)i];
                 e.sampled_variance[i] += of->light * of->light * p->light_square[3 * pixel + (size_t)i];

@@ -21,6 +21,7 @@ enum {
     ROUNDS = 16,                   /* that make the picture */
     CUTS = 19, FIRST_CUT = -8,     /* tau that are weighed: 2^-8 .. 2^10 times the picture's own value */
     SURVEY = 4000,                 /* samples for that */
+    DIRECT_CUT = 8,                /* at least, for direct light */
     PILOT_STEPS = 8,               /* mutations per pixel that a pilot round needs at most */
     LEARN_STEPS = 2,               /* mutations per pixel after which it pays to learn again: that costs as much as some 0.1 */
     SLICE = 16384,                 /* steps between two looks at the clock */
@@ -116,10 +117,12 @@ static void sample_row(Render *r)
     Passes *p = &r->passes;
     uint32_t width = r->scene->camera.width, height = r->scene->camera.height, row = (uint32_t)(p->rows % height);
     uint64_t pass = p->rows / height, rays = *r->scene->rays;
-    Rng rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) + p->rows);
+    /* Of its own for the pilot: were its samples seen again, the thresholds would depend on what they are to cap. */
+    uint64_t stream = (uint64_t)(r->has_chain && r->rounds <= PILOTS ? 7 : 6) << 61;
+    Rng rng = rng_new(r->settings->seed, stream + ((uint64_t)1 << 60) + p->rows);
     for (uint32_t column = 0; column < width; column++) {
         size_t pixel = (size_t)row * width + column;
-        Rng offset = rng_new(r->settings->seed, ((uint64_t)1 << 62) + pixel);
+        Rng offset = rng_new(r->settings->seed, stream + pixel);
         double u[5];
         for (int d = 0; d < 5; d++) u[d] = even(rng_double(&offset), pass, d);
         double x = column + u[0], y = row + u[1];
@@ -296,17 +299,21 @@ void run_close_chains(Render *r)
     r->round.steps = r->round.b = r->round.b_variance = 0;
 }
 
-void run_divide(Render *r)
+void run_divide(Render *r, double direct_cap)
 {
     r->direct_space.direct = DIRECT_INCLUDED;
     r->direct_space.part = CAPPED;
+    r->chain_space.direct = DIRECT_INCLUDED;
     r->chain_space.part = REST;
+    r->chain_space.direct_cap = r->direct_space.direct_cap = direct_cap;
 }
 
 /* For each tau: the share of the picture that is left to the chains, and the second moment of the path tracer's capped estimate, both relative to
  * the picture and summed over samples. The moment twice: of samples of the path tracer ('one' collects one sample), which knows how paths of
  * one sample go together, and from bidirectional samples path by path, which knows what the path tracer finds too rarely. */
 typedef struct { const Pixel *film; double indirect, left[CUTS], expected_moment[CUTS], moment[CUTS], one[CUTS]; } Survey;
+
+static double cut(double tau, bool direct) { return direct ? fmax(tau, DIRECT_CUT) : tau; }
 
 static void survey_candidate(void *context, const Candidate *c)
 {
@@ -316,7 +323,7 @@ static void survey_candidate(void *context, const Candidate *c)
     if (!c->direct) s->indirect += share;
     double tau = ldexp(1, FIRST_CUT);
     for (int i = 0; i < CUTS; i++, tau *= 2) {
-        double kept = c->direct || value <= tau ? 1 : tau / value;
+        double most = cut(tau, c->direct), kept = value <= most ? 1 : most / value;
         s->left[i] += share * (1 - kept);
         if (isfinite(kept * value)) s->expected_moment[i] += share * kept * kept * value;
     }
@@ -328,13 +335,14 @@ static void survey_traced(void *context, const Candidate *c)
     double picture = (double)s->film[c->pixel].threshold, share = luminance(c->rgb) / picture, value = c->traced / picture;
     if (!isfinite(share) || !(share > 0)) return;
     double tau = ldexp(1, FIRST_CUT);
-    for (int i = 0; i < CUTS; i++, tau *= 2) s->one[i] += share * (c->direct || value <= tau ? 1 : tau / value);
+    for (int i = 0; i < CUTS; i++, tau *= 2) s->one[i] += share * fmin(1, cut(tau, c->direct) / value);
 }
 
 /* Where to divide the integrand. Error times rays of the path tracer is its second moment, bounded by tau. That of the chains was measured by the
  * pilot, and goes with the square of the share of the picture that is left to them; bidirectional samples tell that share even where the path
- * tracer itself would find nothing for long. Spent in the best proportion, both together have (sqrt(a) + sqrt(b))^2. Scales the thresholds. */
-static void survey(Render *r)
+ * tracer itself would find nothing for long. Spent in the best proportion, both together have (sqrt(a) + sqrt(b))^2. Scales the thresholds; returns
+ * tau. */
+static double survey(Render *r)
 {
     const Camera *camera = &r->scene->camera;
     Survey s = { .film = r->film };
@@ -363,6 +371,7 @@ static void survey(Render *r)
     }
     for (size_t i = 0; i < r->pixels; i++) r->film[i].threshold = (float)(tau * (double)r->film[i].threshold);
     if (!(r->direct_share < 50)) r->direct_share = 50;
+    return tau;
 }
 
 /* Forgets the pilot but for what it has taught. */
@@ -380,8 +389,8 @@ static void end_pilot(Render *r)
     r->stats.bootstrap_samples = r->stats.bootstrap_hits = 0;
     r->stats.b = 0;
     if (r->has_direct) {
-        survey(r);
-        run_divide(r);
+        double tau = survey(r);
+        run_divide(r, cut(tau, true) / tau);
     }
     r->stats.start_rays = r->stats.chain_rays = 0;
     if (!r->has_direct) return;

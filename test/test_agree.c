@@ -274,20 +274,44 @@ static Group traced_group(const Space *space, int per_pixel)
     return g;
 }
 
+/* What a bidirectional sample says of the path tracer's value of a path, against the path itself. */
+typedef struct { Bdpt *bdpt; const Space *space; Path *path; double worst; int n, short_ones; } Values;
+
+static void compare_value(void *context, const Candidate *c)
+{
+    Values *v = context;
+    if (!bdpt_path(v->bdpt, v->space, c->n_light, c->n_lens, v->path)) return;
+    v->worst = fmax(v->worst, fabs(c->traced / path_traced_value(v->path) - 1));
+    v->n++;
+    v->short_ones += v->path->k == 1;
+}
+
+static void test_values(const Space *space)
+{
+    Values v = { .bdpt = bdpt_new(), .space = space, .path = malloc(sizeof(Path)) };
+    Rng rng = rng_new(seed, 99);
+    for (int i = 0; i < 5000; i++) bdpt_sample(v.bdpt, space, rng_double(&rng) * FILM, rng_double(&rng) * FILM, &rng, compare_value, &v);
+    printf("    value of a path to the path tracer, two ways, %d paths, %d of them of one edge: %.2g apart\n", v.n, v.short_ones, v.worst);
+    CHECK(v.n > 1000 && v.short_ones > 0 && v.worst < 1e-9);
+    bdpt_free(v.bdpt);
+    free(v.path);
+}
+
 /* The integrand divided at thresholds that have nothing to do with the picture: both parts make up the whole. */
-static void test_divided(void)
+static void test_divided(const char *file)
 {
     static Pixel film[FILM * FILM];
     for (int i = 0; i < FILM * FILM; i++) film[i] = (Pixel){ .weight = 1, .threshold = 0.02f * (float)(1 + i % 7) };
     Scene scene;
     int depth = 6, n = (int)(100 * factor);
-    if (!load(&scene, "scenes/cornell.obj")) return;
-    printf("scenes/cornell.obj divided\n");
+    if (!load(&scene, file)) return;
+    printf("%s divided\n", file);
     Space whole = { .scene = &scene, .max_depth = depth, .direct = DIRECT_INCLUDED }, capped = whole, rest = whole;
     capped.film = rest.film = film;
     capped.part = CAPPED;
     rest.part = REST;
-    rest.direct = DIRECT_EXCLUDED;
+    capped.direct_cap = rest.direct_cap = 4;
+    test_values(&whole);
     Sampler sampler = sampler_for(&scene, ~0u);
     uint64_t bootstrap = (uint64_t)(20000 * factor), chains = (uint64_t)(1000 * factor);
     Group path = traced_group(&whole, n), part = traced_group(&capped, n), chain = chain_group(&rest, &sampler, bootstrap, chains, 60, splat);
@@ -341,7 +365,8 @@ int main(int argc, char **argv)
     if (argc > 2) seed = (uint64_t)atoi(argv[2]);
     test_scenes();
     test_precisely();
-    test_divided();
+    test_divided("scenes/cornell.obj");
+    test_divided("test/scenes/direct.obj");
     test_furnace();
     printf("%d comparisons\n", comparisons);
     CHECK(comparisons < COMPARISONS);
