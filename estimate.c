@@ -249,8 +249,9 @@ void run_learn(Render *r)
                 if (r->has_chain && r->chain_space.part == WHOLE) r->film[pixel].threshold = (float)(typical + 0.05 * mean);   /* survey scales it */
             }
         double values = 3 * (double)r->pixels;
+        bool sampled_twice = !r->has_direct || r->passes.rows >= 2 * (uint64_t)r->scene->camera.height;
         bool known = !r->has_chain || r->stats.b == 0 || r->steps_square < r->steps_sum * r->steps_sum;
-        if (known) r->relative_error = sqrt((sampled + chain) / values);
+        r->relative_error = known && sampled_twice ? sqrt((sampled + chain) / values) : NAN;
         if (known && r->has_chain && r->stats.b > 0) {
             if (r->has_direct) r->direct_share = best_share(sampled, r->passes.rays, chain, r->stats.chain_rays + r->stats.start_rays, r->settings->seconds > 0 ? 50 : 4);
             r->chain_error = chain / values;

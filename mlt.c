@@ -24,15 +24,22 @@ static void sample(const Bootstrap *s, const Space *space, Bdpt *bdpt, uint64_t 
     bdpt_sample(bdpt, space, even(s->offset_x, i, 0) * camera->width, even(s->offset_y, i, 1) * camera->height, rng, visit, context);
 }
 
-bool bootstrap_run(Bootstrap *s, const Space *space, Bdpt *bdpt, uint64_t n, uint64_t seed, uint64_t stream)
+bool bootstrap_new(Bootstrap *s, uint64_t n, uint64_t seed, uint64_t stream)
 {
     Rng rng = rng_new(seed, ~stream);
     *s = (Bootstrap){ .n = n, .seed = seed, .stream = stream, .sum = malloc((n ? n : 1) * sizeof *s->sum) };
     if (!s->sum) return false;
     s->offset_x = rng_double(&rng);
     s->offset_y = rng_double(&rng);
-    double sum = 0, squares = 0;
-    for (uint64_t i = 0; i < n; i++) {
+    return true;
+}
+
+void bootstrap_sample(Bootstrap *s, const Space *space, Bdpt *bdpt, uint64_t more)
+{
+    Rng rng;
+    double sum = s->done ? s->sum[s->done - 1] : 0;
+    uint64_t i = s->done, end = s->n - i < more ? s->n : i + more;
+    for (; i < end; i++) {
         Weights found = { .bdpt = bdpt };
         double weight = 0;
         sample(s, space, bdpt, i, &rng, add_weight, &found);
@@ -45,10 +52,17 @@ bool bootstrap_run(Bootstrap *s, const Space *space, Bdpt *bdpt, uint64_t n, uin
         }
         s->hits += weight > 0;
         s->sum[i] = sum += weight;
-        squares += weight * weight;
+        s->square += weight * weight;
     }
-    s->b = n ? sum / (double)n : 0;
-    s->b_variance = n > 1 ? fmax(0, squares / (double)n - s->b * s->b) / (double)(n - 1) : 0;
+    double n = (double)(s->done = end);
+    s->b = n > 0 ? sum / n : 0;
+    s->b_variance = n > 1 ? fmax(0, s->square / n - s->b * s->b) / (n - 1) : 0;
+}
+
+bool bootstrap_run(Bootstrap *s, const Space *space, Bdpt *bdpt, uint64_t n, uint64_t seed, uint64_t stream)
+{
+    if (!bootstrap_new(s, n, seed, stream)) return false;
+    bootstrap_sample(s, space, bdpt, n);
     return true;
 }
 

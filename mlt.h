@@ -11,9 +11,9 @@
 /* n bidirectional samples: b^ = mean of the weights W_i, seeds resampled from the same n in proportion to W_i. Then the expectation of
  * b^ * recorded is exact for every number of steps and every n; there is no start-up bias. */
 typedef struct {
-    uint64_t n;
+    uint64_t n, done;          /* samples, of them drawn so far */
     uint64_t seed, stream;     /* sample i replays from rng_new(seed, stream + i) */
-    double *sum;               /* [n] running sum of W_i */
+    double *sum, square;       /* [n] running sum of W_i; sum of W_i^2 */
     double b, b_variance;      /* integral of f* over path space, and the variance of that estimate */
     uint64_t hits;             /* samples with W_i > 0 */
     double offset_x, offset_y; /* of the stratified raster positions */
@@ -21,6 +21,9 @@ typedef struct {
     struct { uint64_t hits; double weight, square; } found[CLASSES];   /* by class of path: the samples that found one, sums of their W and W^2 */
 } Bootstrap;
 
+/* False if memory runs out. bootstrap_run does all at once; else bootstrap_sample draws at most so many more, until done is n. */
+bool bootstrap_new(Bootstrap *bootstrap, uint64_t n, uint64_t seed, uint64_t stream);
+void bootstrap_sample(Bootstrap *bootstrap, const Space *space, Bdpt *bdpt, uint64_t more);
 bool bootstrap_run(Bootstrap *bootstrap, const Space *space, Bdpt *bdpt, uint64_t n, uint64_t seed, uint64_t stream);
 void bootstrap_free(Bootstrap *bootstrap);
 /* The path at u in [0,1) of the running sum. For many chains, take u stratified. False if b is 0. */

@@ -118,7 +118,7 @@ static void sample_row(Render *r)
     uint32_t width = r->scene->camera.width, height = r->scene->camera.height, row = (uint32_t)(p->rows % height);
     uint64_t pass = p->rows / height, rays = *r->scene->rays;
     /* Of its own for the pilot: were its samples seen again, the thresholds would depend on what they are to cap. */
-    uint64_t stream = (uint64_t)(r->has_chain && r->rounds <= PILOTS ? 7 : 6) << 61;
+    uint64_t stream = (uint64_t)(r->has_chain && r->chain_space.part == WHOLE ? 7 : 6) << 61;
     Rng rng = rng_new(r->settings->seed, stream + ((uint64_t)1 << 60) + p->rows);
     for (uint32_t column = 0; column < width; column++) {
         size_t pixel = (size_t)row * width + column;
@@ -136,6 +136,14 @@ static void sample_row(Render *r)
     p->rows++;
     p->count[row]++;
     p->rays += *r->scene->rays - rays;
+}
+
+/* Whatever the clock or the user say: without a sample in every pixel there is no picture of what the path tracer is to bring. */
+static void one_pass(Render *r)
+{
+    double start = clock_now();
+    while (r->passes.rows < r->scene->camera.height) sample_row(r);
+    r->stats.seconds_direct += clock_now() - start;
 }
 
 /* ---- chains ---- */
@@ -161,7 +169,10 @@ static double chain_number(const Render *r)
 {
     const Settings *s = r->settings;
     double steps = r->round.planned, seeds = r->seeds_per_sample > 0 ? r->seeds_per_sample * (double)r->round.n_bootstrap : 128;
-    if (s->chains > 0) return fmax(1, s->per_pixel > 0 ? floor((double)s->chains * steps / (s->per_pixel * (double)r->pixels) + 0.5) : ceil((double)s->chains / ROUNDS));
+    if (s->chains > 0) {
+        double n = (double)s->chains, total = s->per_pixel * (double)r->pixels, before = floor(n * r->steps_sum / total);
+        return fmax(1, fmin(steps, total > 0 ? floor(n * (r->steps_sum + steps) / total) - before : ceil(n / ROUNDS)));
+    }
     return floor(fmin(fmax(0.5 * seeds, 8), fmax(1, steps / 64)));
 }
 
@@ -178,28 +189,35 @@ static double bootstrap_samples(const Render *r, double steps)
     return fmax(r->settings->seconds > 0 ? 1000 : 100000.0 / ROUNDS, r->start_share * r->samples_per_step * steps);
 }
 
+/* A round's part of the time that is left, and of that the chains'. Returns theirs, in seconds. */
+static double plan_time(const Render *r, Round *round)
+{
+    double now = clock_now(), share = r->rounds < PILOTS ? 0.01 : 1 / ((double)r->last_round - (double)r->rounds);
+    double time = (r->settings->start + r->settings->seconds - now) * share;
+    round->deadline = now + time;
+    if (r->has_direct) time /= 1 + r->direct_share;
+    round->chain_deadline = now + time;
+    return time;
+}
+
 /* How much the next round is to do, and until when; false if nothing is left. The first are pilots. */
 static bool plan_round(Render *r)
 {
     const Settings *s = r->settings;
     double total = s->per_pixel * (double)r->pixels, left = (double)r->last_round - (double)r->rounds, share = r->rounds < PILOTS ? 0.01 : 1 / left;
+    if (r->rounds >= PILOTS && total > 0 && r->steps_sum >= total) return false;    /* an earlier run has done as much */
     Round round = { .phase = CHAINS, .planned = total > 0 || s->seconds > 0 ? INFINITY : 16 * (double)r->pixels, .deadline = INFINITY, .chain_deadline = INFINITY };
     if (isinf(round.planned) && left <= 0) return false;
     if (total > 0) round.planned = floor((total - r->steps_sum) * share + 0.5);
     if (r->rounds < PILOTS) round.planned = fmin(round.planned, PILOT_STEPS * (double)r->pixels);
-    else if (r->last_round > PILOTS + ROUNDS && round.planned == 0) return false;   /* it was no longer than before */
-    double n = 0;
+    double time = INFINITY;
     if (s->seconds > 0) {
-        double now = clock_now(), time = (s->start + s->seconds - now) * share;
+        time = plan_time(r, &round);
         if (!(time > 0)) return false;
-        round.deadline = now + time;
-        if (r->has_direct) time /= 1 + r->direct_share;
-        round.chain_deadline = now + time;
         round.planned = fmin(round.planned, floor(1.3 * r->rate * time) + 1);
-        n = fmin(bootstrap_samples(r, round.planned), fmax(256, 0.67 * r->samples_rate * time));
-    } else n = bootstrap_samples(r, round.planned);
-    if (s->bootstrap) n = ceil((double)s->bootstrap / ROUNDS);
-    round.n_bootstrap = (uint64_t)fmin(n, 4e7);
+    }
+    double n = s->bootstrap ? ceil((double)s->bootstrap * (r->rounds < PILOTS ? 0.01 : 1.0 / ROUNDS)) : bootstrap_samples(r, round.planned);
+    round.n_bootstrap = (uint64_t)fmin(n, fmin(4e7, fmax(256, 0.67 * r->samples_rate * time)));
     r->round = round;
     r->rounds++;
     return true;
@@ -212,8 +230,16 @@ static bool run_round(Render *r)
     double start = clock_now();
     uint64_t seed = r->settings->seed, stream = r->rounds << STREAM_BITS, *rays = r->scene->rays, before = *rays;
     bool resumed = round->chains > 0;
+    double total = r->settings->per_pixel > 0 ? r->settings->per_pixel * (double)r->pixels : INFINITY;
     Bootstrap boot;
-    if (!bootstrap_run(&boot, &r->chain_space, r->bdpt, round->n_bootstrap, seed, stream)) return false;
+    if (!bootstrap_new(&boot, round->n_bootstrap, seed, stream)) return false;
+    while (boot.done < boot.n) {
+        bootstrap_sample(&boot, &r->chain_space, r->bdpt, SLICE);
+        if (boot.done == boot.n || going(r)) continue;
+        *rays = before;                        /* to be drawn anew */
+        bootstrap_free(&boot);
+        return true;
+    }
     if (resumed) *rays = before;               /* it has been counted */
     else {
         round->b = boot.b;
@@ -235,7 +261,7 @@ static bool run_round(Render *r)
     r->stats.seconds_start += seconds_start;
     r->samples_rate = (double)boot.n / fmax(1e-6, seconds_start);
     double offset = (double)(rng_new(seed, stream - 1).s[0] >> 11) * 0x1p-53, steps_before = round->steps;
-    while (round->chain < round->chains && going(r) && in_time(r, round->chain_deadline)) {
+    while (round->chain < round->chains && going(r) && in_time(r, round->chain_deadline) && r->steps_sum + round->steps < total) {
         if (round->left == 0) {
             /* a chain's share of the steps, so that all together are exactly as planned */
             double c = round->chain;
@@ -393,12 +419,15 @@ static void end_pilot(Render *r)
         run_divide(r, cut(tau, true) / tau);
     }
     r->stats.start_rays = r->stats.chain_rays = 0;
+    r->stats.seconds_start += r->stats.seconds_chain + r->stats.seconds_direct;
+    r->stats.seconds_chain = r->stats.seconds_direct = 0;
     if (!r->has_direct) return;
     memset(r->passes.sum, 0, bytes);
     memset(r->passes.square, 0, bytes);
     memset(r->passes.direct, 0, r->pixels * sizeof *r->passes.direct);
     memset(r->passes.count, 0, r->scene->camera.height * sizeof *r->passes.count);
     r->passes.rows = r->passes.rays = 0;
+    one_pass(r);
 }
 
 /* Rows that the path tracer has to have done by the end of this round, whatever its share of rays: two passes tell its variance, and where the
@@ -413,6 +442,7 @@ static double least_rows(const Render *r)
 static bool run_chains(Render *r)
 {
     const Settings *s = r->settings;
+    if (r->has_direct) one_pass(r);
     while (going(r)) {
         if (r->round.phase == PLAN && !plan_round(r)) break;
         if (r->round.phase == CHAINS) {
@@ -431,7 +461,11 @@ static bool run_chains(Render *r)
         }
         r->stats.seconds_direct += clock_now() - start;
         if (!going(r)) break;
-        if (r->rounds <= PILOTS || r->rounds == r->last_round || r->unlearned >= LEARN_STEPS * (double)r->pixels) run_learn(r);
+        if (r->rounds <= PILOTS || r->rounds == r->last_round || r->unlearned >= LEARN_STEPS * (double)r->pixels) {
+            start = clock_now();
+            run_learn(r);
+            r->stats.seconds_start += clock_now() - start;
+        }
         if (r->rounds <= PILOTS) {
             sampler_tune(&r->sampler, r->scene, &r->stats.chain);
             r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };
@@ -464,7 +498,13 @@ static bool run_passes(Render *r)
 /* Where nothing is left of what an earlier run was asked for, a resumed one ends at once; with more asked for it has as many rounds again for the rest. */
 void run_go_on(Render *r)
 {
-    if (r->rounds == r->last_round) r->last_round += ROUNDS;
+    if (r->round.phase == PLAN) {
+        if (r->rounds >= r->last_round) r->last_round = r->rounds + ROUNDS;
+    } else if (r->settings->seconds > 0) {     /* deadlines were of another clock */
+        r->rounds--;
+        plan_time(r, &r->round);
+        r->rounds++;
+    } else r->round.deadline = r->round.chain_deadline = INFINITY;
 }
 
 bool render_run(Render *r, bool (*keep_going)(void *, const Render *), void *context)

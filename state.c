@@ -173,9 +173,7 @@ bool render_resume(Render *r, const char *path, Report *report)
         if (s.ok && r->round.phase == CHAINS && r->round.left > 0) pass_path(&s, r->x, &r->scene->mesh);
         ok = s.ok && getc(file) == EOF;
         if (!ok) report_error(report, path, 0, "the saved state is damaged");
-        if (ok && r->has_chain && r->round.phase == PLAN) run_go_on(r);
-        r->round.deadline = r->round.chain_deadline = INFINITY;    /* they were of another clock */
-        if (r->settings->seconds > 0) r->round.deadline = r->round.chain_deadline = r->settings->start + r->settings->seconds;
+        if (ok && r->has_chain) run_go_on(r);
     }
     fclose(file);
     return ok;
