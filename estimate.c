@@ -83,12 +83,12 @@ static inline float mean5(float a, float b, float c, float d, float e) { return 
 
 enum { STRIDE = 2 };               /* the longest between the pixels that a filter combines */
 
-/* Along rows, then along columns: each pixel becomes combine(itself, two to the left and right that are 'stride' apart). 'work' has room for the
- * picture and for one row with 2 STRIDE more pixels at both ends. */
-static inline void filter(const Render *r, float *picture, float *work, size_t stride, Combine *combine)
+/* Along rows, then along columns: each value of a picture becomes combine(itself, two to the left and right that are 'stride' apart). 'work' has room
+ * for the picture and for one row with 2 STRIDE more values at both ends. */
+static inline void filter(float *picture, size_t width, size_t height, float *work, size_t stride, Combine *combine)
 {
-    size_t width = r->scene->camera.width, height = r->scene->camera.height, margin = 2 * stride;
-    float *row = work + r->pixels;
+    size_t margin = 2 * stride;
+    float *row = work + width * height;
     for (size_t y = 0; y < height; y++) {
         const float *from = picture + y * width;
         float *to = work + y * width;
@@ -110,33 +110,55 @@ static inline void filter(const Render *r, float *picture, float *work, size_t s
     }
 }
 
+/* Pixels along the side of a block in which chains have made some 8 mutations. */
+static size_t block_size(const Render *r)
+{
+    double steps = r->steps_sum + r->round.steps;
+    return r->has_chain && steps > 0 ? (size_t)fmin(ceil(sqrt(8 * (double)r->pixels / steps)), 16) : 1;
+}
+
 /* The picture's brightness without its outliers, a mean over channels: the median of the surroundings, or, for small features, the mean of so much of
  * nearby values as lies above their standard errors. By a plain mean one firefly would starve its surroundings of chains and so beget
- * others. *mean receives that of the picture. False if memory runs out. */
+ * others. While chains have left little in a pixel, all that by blocks: a median over mostly empty pixels would be none. *mean receives that of
+ * the picture. False if memory runs out. */
 static bool typical_brightness(const Render *r, float *out, double *mean)
 {
-    float *safe = malloc(r->pixels * sizeof *safe), *work = malloc((r->pixels + r->scene->camera.width + 4 * STRIDE) * sizeof *work);
-    bool ok = safe && work;
+    size_t width = r->scene->camera.width, height = r->scene->camera.height, block = block_size(r);
+    size_t across = (width + block - 1) / block, down = (height + block - 1) / block, blocks = across * down;
+    float *bright = calloc(blocks, sizeof *bright), *safe = calloc(blocks, sizeof *safe), *work = malloc((blocks + across + 4 * STRIDE) * sizeof *work);
+    bool ok = bright && safe && work;
     *mean = 0;
     if (ok) {
         Estimator all = estimator(r);
-        float *bright = out, *low = safe;
-        for (uint32_t y = 0; y < r->scene->camera.height; y++)
-            for (uint32_t x = 0; x < r->scene->camera.width; x++) {
+        for (uint32_t y = 0; y < height; y++)
+            for (uint32_t x = 0; x < width; x++) {
                 Estimate e = estimate(&all, x, y);
+                size_t at = y / block * across + x / block;
                 double value = 0, error = 0;
                 for (int i = 0; i < 3; i++) {
                     value += e.value[i] / 3;
                     error += sqrt(e.sampled_variance[i] + e.chain_variance[i]) / 3;
                 }
                 *mean += value / (double)r->pixels;
-                *bright++ = (float)value;
-                *low++ = (float)larger(0, value - error);
+                bright[at] += (float)value;
+                safe[at] += (float)(error * error);
             }
-        filter(r, out, work, STRIDE, median5);
-        filter(r, safe, work, 1, mean5);
-        for (size_t pixel = 0; pixel < r->pixels; pixel++) out[pixel] = larger_f(out[pixel], safe[pixel]);
+        for (size_t y = 0; y < down; y++)
+            for (size_t x = 0; x < across; x++) {
+                size_t at = y * across + x, columns = x + 1 < across ? block : width - x * block, rows = y + 1 < down ? block : height - y * block;
+                float n = (float)(columns * rows);
+                safe[at] = larger_f(0, bright[at] - sqrtf(safe[at])) / n;
+                bright[at] /= n;
+            }
+        filter(bright, across, down, work, STRIDE, median5);
+        filter(safe, across, down, work, 1, mean5);
+        for (size_t y = 0; y < height; y++)
+            for (size_t x = 0; x < width; x++) {
+                size_t at = y / block * across + x / block;
+                *out++ = larger_f(bright[at], safe[at]);
+            }
     }
+    free(bright);
     free(safe);
     free(work);
     return ok;

@@ -67,8 +67,8 @@ double bidir_w(const Path *z, int s, int t);
 /* p_d2[s,t] */
 double bidir_p_d2(const Tuning *tuning, const Path *z, int s, int t);
 
-/* The vertices that a perturbation from the lens moves: x_m .. x_{k-1}, of the suffix (L|D) D (S+ D)* S* E, or with m = 0 of L (S+ D)* S* E;
- * *turned receives the number of (S+ D). */
+/* The vertices that a perturbation from the lens moves: x_m .. x_{k-1}. -1 if the suffix is not (L|D) D (S+ D)* S* E, or L (S+ D)+ S* E with
+ * m = 0; *turned receives the number of (S+ D). */
 int lens_suffix(const Path *x, int *turned);
 /* The vertex whose direction a caustic perturbation turns: suffix (L|D) S* D E with x_m = (L|D); -1 if it is another. */
 int caustic_suffix(const Path *x);

@@ -58,7 +58,6 @@ typedef struct {
     DirectClass direct;
     const Pixel *film;             /* [pixels]; NULL for w = 1 and the WHOLE */
     Part part;
-    double direct_cap;             /* thresholds of direct light, over those of the rest; where f is divided */
 } Space;
 
 /* Copies k, ends' caches and the k+1 vertices that the path has. */
@@ -96,8 +95,8 @@ double path_traced_value(const Path *path);
 static inline double space_share(const Space *space, uint32_t pixel, double value, bool direct)
 {
     if (space->part == WHOLE) return 1;
-    double most = (double)space->film[pixel].threshold * (direct ? space->direct_cap : 1);
-    if (value > most) return space->part == REST ? 1 - most / value : most / value;
+    double most = (double)space->film[pixel].threshold;
+    if (value > most && !direct) return space->part == REST ? 1 - most / value : most / value;
     return space->part == REST ? 0 : 1;
 }
 

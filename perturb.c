@@ -28,7 +28,7 @@ int lens_suffix(const Path *x, int *turned)
     while (i > 0 && !diffuse(x, i)) i--;
     for (*turned = 0; i > 0 && !diffuse(x, i - 1); ++*turned)    /* D whose neighbour towards the light is S: on to the next D, or the light */
         for (i--; i > 0 && !diffuse(x, i); i--) { }
-    return i;
+    return i > 0 || *turned > 0 ? i : -1;
 }
 
 int caustic_suffix(const Path *x)
@@ -104,9 +104,8 @@ static Outcome walk_to_light(const Space *space, const Tuning *tuning, const Pat
 static bool lens_applies(const Space *space, const Path *x)
 {
     (void)space;
-    int turned;
-    lens_suffix(x, &turned);
-    return turned == 0;
+    int turned, m = lens_suffix(x, &turned);
+    return m > 0 && turned == 0;
 }
 
 static Outcome lens_propose(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
@@ -119,8 +118,7 @@ static bool chain_applies(const Space *space, const Path *x)
 {
     (void)space;
     int turned;
-    lens_suffix(x, &turned);
-    return turned > 0;
+    return lens_suffix(x, &turned) >= 0 && turned > 0;
 }
 
 /* Not where S* is empty, though it would be right there too: the lens perturbation does that work better. */
@@ -146,13 +144,6 @@ static Outcome caustic_propose(const Space *space, const Tuning *tuning, const P
     if (outcome != PROPOSED) return outcome;
     *move = (Move){ .R_yx = caustic_R(y, m), .R_xy = caustic_R(x, m), .joined = k - 1, .first = m + 1, .last = k - 1 };
     return PROPOSED;
-}
-
-static bool subpath_applies(const Space *space, const Path *x)
-{
-    (void)space;
-    int turned;
-    return lens_suffix(x, &turned) > 0 && turned == 0;
 }
 
 /* R(y|x) of the lens subpath mutation: modes are drawn, so S< is that of a drawn mode, whatever made the path. */
@@ -190,5 +181,5 @@ const Mutation mutation_table[MUTATIONS] = {
     { "lens", 3, false, lens_applies, lens_propose, STEP_FILM },
     { "caustic", 3, true, caustic_applies, caustic_propose, STEP_TURN },
     { "chain", 3, true, chain_applies, lens_propose, STEP_NONE },
-    { "subpath", 1, false, subpath_applies, subpath_propose, STEP_NONE },
+    { "subpath", 1, false, lens_applies, subpath_propose, STEP_NONE },
 };

@@ -70,5 +70,5 @@ void run_learn(Render *render);
 /* After an earlier run's state was read: lets a run whose rounds are all done have more. */
 void run_go_on(Render *render);
 /* Divides the integrand at the thresholds: capped values to the path tracer, the rest to the chains. */
-void run_divide(Render *render, double direct_cap);
+void run_divide(Render *render);
 #endif

@@ -101,11 +101,9 @@ static void pass_state(Stream *s, Render *r)
     double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share, &r->samples_per_step, &r->seeds_per_sample, &r->relative_error, &r->unlearned };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
     uint64_t divided = r->chain_space.part != WHOLE;
-    double direct_cap = r->chain_space.direct_cap;
     pass(s, r->tile, sizeof r->tile);
     pass(s, &divided, sizeof divided);
-    pass(s, &direct_cap, sizeof direct_cap);
-    if (divided && !s->write) run_divide(r, direct_cap);
+    if (divided && !s->write) run_divide(r);
     pass(s, &r->sampler.tuning, sizeof r->sampler.tuning);
     pass(s, &r->round, sizeof r->round);
     pass(s, &r->rounds, sizeof r->rounds);

@@ -295,13 +295,14 @@ static inline Real ref_angle(Vec3 a, Vec3 b)
     return atan2l(sqrtl(ref_dot(c, c)), ref_dot(a, b));
 }
 
-/* Parsed from the lens: skip S*; a D; as long as its neighbour towards the light is S, that chain's far end too. The last vertex to move;
- * the suffix is (L|D) D (S+ D)* S* E or, with 0 as the answer, L (S+ D)* S* E. */
+/* Parsed from the lens: skip S*; a D; as long as its neighbour towards the light is S, that chain's far end too. The last vertex to move, -1
+ * if the suffix is not (L|D) D (S+ D)* S* E nor, with 0 as the answer, L (S+ D)+ S* E. */
 static inline int ref_lens_suffix(const Path *x, int *turned)
 {
     int i = x->k - 1;
     *turned = 0;
     while (i > 0 && x->v[i].mode != MODE_NONE) i--;
+    if (i <= 0) return -1;
     for (;;) {
         if (i == 0 || i - 1 == 0 || x->v[i - 1].mode == MODE_NONE) return i;
         i--;
