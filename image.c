@@ -4,12 +4,12 @@
  * relMSE after Rousselle et al. 2011, the 0.01 scaled by the squared mean so that it does not depend on the exposure.
  * Must not know who renders the picture or what for. */
 #include "image.h"
+#include "output.h"
 #include "png.h"
 #include <assert.h>
 #include <errno.h>
 #include <string.h>
 #include <strings.h>
-#include <unistd.h>
 
 Image *image_new(uint32_t width, uint32_t height)
 {
@@ -324,24 +324,7 @@ bool image_write(const Image *image, const char *path, double exposure_ev, Repor
 {
     Writer *write_file = find_writer(path);
     if (!write_file) return report_error(report, path, 0, "the name must end in .pfm, .ppm or .png");
-    size_t size = strlen(path) + 32;
-    char *temporary = malloc(size);
-    if (!temporary) return report_error(report, path, 0, "cannot write: %s", strerror(errno));
-    snprintf(temporary, size, "%s.tmp%ld", path, (long)getpid());
-
-    unlink(temporary);                              /* left by one that was killed; 'x' below then refuses a link laid in our way */
-    FILE *file = fopen(temporary, "wbx");
-    bool good = file && write_file(image, exp2(exposure_ev), file);
-    int error = errno;
-    if (file && fclose(file) != 0 && good) {        /* closed in any case; the first error counts */
-        good = false;
-        error = errno;
-    }
-    if (good && rename(temporary, path) != 0) {
-        good = false;
-        error = errno;
-    }
-    if (!good && file) unlink(temporary);
-    free(temporary);
-    return good || report_error(report, path, 0, "cannot write: %s", strerror(error));
+    Output out;
+    if (!output_open(&out, path, report)) return false;
+    return output_close(&out, path, write_file(image, exp2(exposure_ev), out.file), report);
 }

@@ -3,6 +3,7 @@
  * Whatever goes wrong comes here as a Report and leaves as one line on standard error: exit 1 for a scene or file, 2 for wrong usage.
  * Standard output holds only what was asked for. Must not know how a picture is computed. */
 #include "options.h"
+#include "output.h"
 #include <errno.h>
 #include <inttypes.h>
 #include <signal.h>
@@ -10,7 +11,6 @@
 #include <string.h>
 #include <strings.h>
 #include <sys/resource.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 enum { EXIT_USAGE = 2, SCREEN = 79, SAVE_SECONDS = 60 };
@@ -19,43 +19,6 @@ static const double pixels_max = 1 << 28;      /* what image_read takes */
 /* ---- files ---- */
 
 static void complain(const Report *report) { fprintf(stderr, "mlt: %s\n", report->error); }
-
-/* A pipe or a device: written to, never replaced by a file. */
-static bool is_special(const char *path)
-{
-    struct stat s;
-    return stat(path, &s) == 0 && !S_ISREG(s.st_mode) && !S_ISDIR(s.st_mode);
-}
-
-/* Opens a new file beside path, which is to be renamed when it is whole; its name is to be freed. NULL with errno set. */
-static FILE *open_temporary(const char *path, char **name)
-{
-    size_t size = strlen(path) + 32;
-    struct stat s;
-    *name = malloc(size);
-    if (stat(path, &s) == 0 && S_ISDIR(s.st_mode)) errno = EISDIR;
-    else if (*name) {
-        snprintf(*name, size, "%s.tmp%ld", path, (long)getpid());
-        unlink(*name);
-        return fopen(*name, "wx");
-    }
-    return NULL;
-}
-
-/* Asked before a long run: whether its result will have a place. */
-static bool check_writable(const char *path, Report *report)
-{
-    if (is_special(path)) return true;
-    char *name;
-    FILE *file = open_temporary(path, &name);
-    if (!file) report_error(report, path, 0, "cannot write: %s", strerror(errno));
-    else {
-        fclose(file);
-        unlink(name);
-    }
-    free(name);
-    return file;
-}
 
 static bool ends_in(const char *path, const char *ending)
 {
@@ -144,20 +107,16 @@ static void write_json(FILE *file, const Scene *scene, const RenderStats *s, con
     fputs(cost->chains ? "\n  ]\n}\n" : "]\n}\n", file);
 }
 
-/* Whole or not at all, unless it goes to standard output or another place that cannot be replaced. */
 static bool write_stats(const char *path, const Scene *scene, const RenderStats *stats, const Cost *cost, Report *report)
 {
-    bool printed = strcmp(path, "-") == 0, direct = printed || is_special(path);
-    char *name = NULL;
-    FILE *file = printed ? stdout : direct ? fopen(path, "w") : open_temporary(path, &name);
-    if (file) write_json(file, scene, stats, cost);
-    bool ok = file && fflush(file) == 0 && !ferror(file);
-    if (file && !printed && fclose(file) != 0) ok = false;
-    ok = ok && (direct || rename(name, path) == 0);
-    if (!ok) report_error(report, printed ? "standard output" : path, 0, "cannot write: %s", strerror(errno));
-    if (!ok && !direct && file) unlink(name);
-    free(name);
-    return ok;
+    if (strcmp(path, "-") == 0) {
+        write_json(stdout, scene, stats, cost);
+        return (fflush(stdout) == 0 && !ferror(stdout)) || report_error(report, "standard output", 0, "cannot write: %s", strerror(errno));
+    }
+    Output out;
+    if (!output_open(&out, path, report)) return false;
+    write_json(out.file, scene, stats, cost);
+    return output_close(&out, path, true, report);
 }
 
 static void print_summary(const Options *o, const Scene *scene, const RenderStats *s, const Cost *cost)
@@ -320,9 +279,10 @@ static bool render_scene(const Options *o, Report *report)
 {
     Scene scene;
     bool ok = true;
-    for (int i = 0; ok && i < o->outputs; i++) ok = check_writable(o->output[i], report);
-    if (ok && o->stats && strcmp(o->stats, "-") != 0) ok = check_writable(o->stats, report);
-    if (ok && o->save) ok = check_writable(o->save, report);
+    for (int i = 0; ok && i < o->outputs; i++) ok = output_possible(o->output[i], report);
+    if (ok && o->stats && strcmp(o->stats, "-") != 0) ok = output_possible(o->stats, report);
+    if (ok && o->save) ok = output_possible(o->save, report) && (!output_special(o->save) || report_error(report, o->save, 0,
+                            "a state takes the place of an older one, and needs a regular file"));
     if (!ok || !scene_load(&scene, o->scene, &o->camera, build_effort(o), report)) {
         complain(report);
         return false;
@@ -361,6 +321,12 @@ static int printed(void)
     return EXIT_FAILURE;
 }
 
+static int print_version(void)
+{
+    puts("mlt 0.1.0");
+    return printed();
+}
+
 /* NAME.pfm and NAME.ppm for a scene FOLDER/NAME.obj; the memory is the result, to be freed. NULL if there is none left. */
 static char *default_outputs(Options *o)
 {
@@ -388,7 +354,7 @@ static int with_options(ForCommand command, int argc, char **argv, double start,
     if (!o.output || !operand) complain(&report);
     else if (!options_read(&o, command, argc, argv, operand, &operands, &report)) status = usage_error(&report);
     else if (o.help) status = print_help();
-    else if (o.version) { puts("mlt 0.1.0"); status = printed(); }
+    else if (o.version) status = print_version();
     else {
         report.warnings = o.verbosity >= 0 ? stderr : NULL;
         if (run(&o, operand, operands, &report)) status = EXIT_SUCCESS;
@@ -436,8 +402,8 @@ static int command_explain(int argc, char **argv, double start) { return with_op
 
 static bool run_merge(Options *o, const char *const *operand, int operands, Report *report)
 {
-    bool ok = o->outputs > 0 || report_error(report, NULL, 0, "merge needs an output: -o FILE");
-    for (int i = 0; ok && i < o->outputs; i++) ok = check_writable(o->output[i], report);
+    bool ok = true;
+    for (int i = 0; ok && i < o->outputs; i++) ok = output_possible(o->output[i], report);
     Render *merged = ok ? render_merge(operand, operands, report) : NULL;
     Image *image = merged ? image_new(render_width(merged), render_height(merged)) : NULL;
     if (image) {
@@ -462,6 +428,7 @@ static int command_compare(int argc, char **argv, double start)
     Report report = { .warnings = stderr };
     int first = argc > 1 && strcmp(argv[1], "--") == 0 ? 2 : 1;
     if (argc > 1 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0)) return print_help();
+    if (argc > 1 && strcmp(argv[1], "--version") == 0) return print_version();
     for (int i = 1; first == 1 && i < argc; i++)
         if (argv[i][0] == '-' && !report_error(&report, NULL, 0, "unknown option '%s'", argv[i])) return usage_error(&report);
     if (argc - first != 2 && !report_error(&report, NULL, 0, "compare needs two pictures")) return usage_error(&report);

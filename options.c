@@ -50,11 +50,11 @@ static const Option option_table[OPTIONS] = {
     [ACCEPTED]   = { 0, "accepted", NULL, NULL, "explain: one that is accepted", FOR_EXPLAIN },
     [LENGTH]     = { 0, "length", "K", "a whole number from 1 to 255", "explain: from a path of K edges [any]", FOR_EXPLAIN },
     [EXAMPLE]    = { 0, "example", "N", "1 or 2", "explain: a mutation of exactly the lecture's example 1 or 2", FOR_EXPLAIN },
-    [AUDIT]      = { 0, "audit", NULL, NULL, "explain: test every strategy on this scene", FOR_EXPLAIN },
+    [AUDIT]      = { 0, "audit", NULL, NULL, "explain: test every strategy, or that of --strategy, on this scene", FOR_EXPLAIN },
     [QUIET]      = { 'q', "quiet", NULL, NULL, "no warnings, no progress", FOR_RENDER | FOR_EXPLAIN | FOR_MERGE },
-    [VERBOSE]    = { 'v', "verbose", NULL, NULL, "a summary at the end", FOR_RENDER | FOR_EXPLAIN | FOR_MERGE },
+    [VERBOSE]    = { 'v', "verbose", NULL, NULL, "a summary at the end", FOR_RENDER | FOR_MERGE },
     [HELP]       = { 'h', "help", NULL, NULL, "this text", FOR_RENDER | FOR_EXPLAIN | FOR_MERGE },
-    [VERSION]    = { 0, "version", NULL, NULL, "the program's version", FOR_RENDER },
+    [VERSION]    = { 0, "version", NULL, NULL, "the program's version", FOR_RENDER | FOR_EXPLAIN | FOR_MERGE },
 };
 
 /* A number from low to high that is all of the text. */
@@ -224,7 +224,12 @@ bool options_read(Options *o, ForCommand command, int argc, char **argv, const c
         if (*operands > 1) return report_error(report, NULL, 0, "one scene at a time, not '%s' and '%s'", operand[0], operand[1]);
         o->scene = operand[0];
     } else if (*operands == 0) return report_error(report, NULL, 0, "merge needs saved runs");
+    else if (o->outputs == 0) return report_error(report, NULL, 0, "merge needs an output: -o FILE");
     Settings *s = &o->settings;
+    const ExplainOptions *e = &o->explain;
+    if (e->audit && (e->accepted || e->length || e->example))
+        return report_error(report, NULL, 0, "--accepted, --length and --example choose a mutation to print: not with --audit");
+    if (command == FOR_EXPLAIN && s->per_pixel > 0 && !e->audit) return report_error(report, NULL, 0, "explain takes -n only with --audit");
     o->explain.proposals = (uint64_t)ceil(s->per_pixel);     /* 0: its own default */
     if (s->per_pixel == 0 && s->seconds == 0 && s->error == 0) s->per_pixel = 256;
     return true;

@@ -54,7 +54,7 @@ void render_image(const Render *render, Image *image);
 void render_error_image(const Render *render, Image *image);
 
 /* Writes the run's state to a file, whole or not at all. Resuming goes on exactly where it stood: with the same seed and -n the picture is
- * that of an uninterrupted run. Files are for the machine and build that wrote them. A run that was done goes on if more is asked
+ * that of an uninterrupted run. Files are for the machine and build that wrote them, and end in a checksum. A run that was done goes on if more is asked
  * for, in as many rounds again; that picture is not bit for bit the one of a single longer run. */
 bool render_save(const Render *render, const char *path, Report *report);
 /* Fills a fresh render from such a file. False with an error if it is damaged, or of another scene or other options (-n, -t, -e may differ). */

@@ -1,33 +1,53 @@
 /* A run's state on file: saved, resumed, merged with others. See render.h.
  *
- * The file is a header and the accumulators as they lie in memory; what the scene holds is not in it but for a hash that must agree. */
+ * The file is a header, the accumulators as they lie in memory, and a checksum of both; what the scene holds is not in it but for a hash that must
+ * agree. What was read is believed only because the checksum was right. */
 #include "run.h"
 #include <errno.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
+static const uint64_t HASH_OF_NOTHING = 0xcbf29ce484222325u;
+
+/* FNV-1a by words of 8 bytes, the last one filled up with 0; the shift lets high bits have a say in low ones. */
 static void hash(uint64_t *h, const void *data, size_t n)
 {
     const unsigned char *p = data;
-    for (size_t i = 0; i < n; i++) *h = (*h ^ p[i]) * 0x100000001b3u;      /* FNV-1a */
+    uint64_t word;
+    for (; n >= sizeof word; p += sizeof word, n -= sizeof word) {
+        memcpy(&word, p, sizeof word);
+        *h = (*h ^ word) * 0x100000001b3u;
+        *h ^= *h >> 32;
+    }
+    if (n == 0) return;
+    word = 0;
+    memcpy(&word, p, n);
+    *h = (*h ^ word) * 0x100000001b3u;
 }
 
 static void hash_number(uint64_t *h, double v) { hash(h, &v, sizeof v); }
 static void hash_vector(uint64_t *h, Vec3 v) { hash(h, &v, sizeof v); }
 
+/* Normals or texture coordinates of the corners of triangles; where a face has none, only the first index says anything. */
+static void hash_corners(uint64_t *h, const uint32_t (*corner)[3], uint32_t n)
+{
+    for (uint32_t i = 0; corner && i < n; i++) hash(h, corner[i], corner[i][0] == BVH_NONE ? sizeof **corner : sizeof *corner);
+}
+
 /* Of all that must agree between runs that are resumed or merged. */
 static uint64_t identity(const Scene *scene, const Settings *s)
 {
-    uint64_t h = 0xcbf29ce484222325u;
+    uint64_t h = HASH_OF_NOTHING;
     const Mesh *m = &scene->mesh;
     const Camera *c = &scene->camera;
     hash(&h, m->position, m->n_positions * sizeof *m->position);
     hash(&h, m->triangle, m->n_triangles * sizeof *m->triangle);
     hash(&h, m->triangle_material, m->n_triangles * sizeof *m->triangle_material);
     if (m->normal) hash(&h, m->normal, m->n_normals * sizeof *m->normal);
-    for (uint32_t i = 0; m->triangle_normal && i < m->n_triangles; i++)     /* without normals only the first index says anything */
-        hash(&h, m->triangle_normal[i], m->triangle_normal[i][0] == BVH_NONE ? sizeof(uint32_t) : sizeof *m->triangle_normal);
+    if (m->uv) hash(&h, m->uv, m->n_uvs * sizeof *m->uv);
+    hash_corners(&h, (const uint32_t (*)[3])m->triangle_normal, m->n_triangles);
+    hash_corners(&h, (const uint32_t (*)[3])m->triangle_uv, m->n_triangles);
     for (uint32_t i = 0; i < m->n_materials; i++) {
         const Material *a = &m->material[i];
         const Vec3 colours[] = { a->kd, a->ks, a->tf, a->ke };
@@ -50,6 +70,8 @@ static uint64_t identity(const Scene *scene, const Settings *s)
     hash(&h, numbers, sizeof numbers);
     return h;
 }
+
+static const char MAGIC[] = "MLTRUN4\n";            /* the number changes with what is kept */
 
 typedef struct {
     char magic[8];
@@ -98,7 +120,8 @@ static void pass_state(Stream *s, Render *r)
     pass(s, &r->passes.rows, sizeof r->passes.rows);
     pass(s, &r->passes.rays, sizeof r->passes.rays);
     pass(s, r->scene->rays, sizeof *r->scene->rays);
-    double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share, &r->samples_per_step, &r->seeds_per_sample, &r->relative_error, &r->unlearned };
+    double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share,
+                          &r->samples_per_step, &r->seeds_per_sample, &r->relative_error, &r->unlearned };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
     uint64_t divided = r->chain_space.part != WHOLE;
     pass(s, r->tile, sizeof r->tile);
@@ -114,8 +137,25 @@ static void pass_state(Stream *s, Render *r)
 static Header header_of(const Render *r)
 {
     const Camera *c = &r->scene->camera;
-    return (Header){ { 'M', 'L', 'T', 'R', 'U', 'N', '2', '\n' }, identity(r->scene, r->settings), r->settings->seed, sizeof(Path), c->width, c->height,
-                     (uint32_t)r->settings->integrator, (uint32_t)r->settings->direct };
+    Header header = { .identity = identity(r->scene, r->settings), .seed = r->settings->seed, .path_bytes = sizeof(Path), .width = c->width,
+                      .height = c->height, .integrator = (uint32_t)r->settings->integrator, .direct = (uint32_t)r->settings->direct };
+    memcpy(header.magic, MAGIC, sizeof header.magic);
+    return header;
+}
+
+/* The checksum of the first n bytes of a file, which is then at its n-th. False if it cannot be read so far. */
+static bool file_sum(FILE *file, off_t n, uint64_t *sum)
+{
+    unsigned char block[1 << 16];
+    *sum = HASH_OF_NOTHING;
+    bool ok = fseeko(file, 0, SEEK_SET) == 0;
+    while (ok && n > 0) {
+        size_t bytes = n < (off_t)sizeof block ? (size_t)n : sizeof block;
+        ok = fread(block, 1, bytes, file) == bytes;
+        hash(sum, block, bytes);
+        n -= (off_t)bytes;
+    }
+    return ok;
 }
 
 bool render_save(const Render *r, const char *path, Report *report)
@@ -125,7 +165,7 @@ bool render_save(const Render *r, const char *path, Report *report)
     if (!temporary) return report_error(report, path, 0, "out of memory");
     memcpy(temporary, path, n);
     memcpy(temporary + n, ".tmp", 5);
-    Stream s = { fopen(temporary, "wb"), true, true };
+    Stream s = { fopen(temporary, "w+b"), true, true };
     bool ok = s.file != NULL;
     if (ok) {
         Header header = header_of(r);
@@ -133,6 +173,9 @@ bool render_save(const Render *r, const char *path, Report *report)
         pass_state(&s, (Render *)r);               /* reads only, when writing */
         bool chain = r->round.phase == CHAINS && r->round.left > 0;
         if (chain) pass_path(&s, r->x, &r->scene->mesh);
+        uint64_t sum;
+        s.ok = s.ok && fflush(s.file) == 0 && file_sum(s.file, ftello(s.file), &sum) && fseeko(s.file, 0, SEEK_END) == 0;
+        pass(&s, &sum, sizeof sum);
         ok = (fclose(s.file) == 0) & s.ok;
         ok = ok && rename(temporary, path) == 0;
     }
@@ -144,18 +187,31 @@ bool render_save(const Render *r, const char *path, Report *report)
     return ok;
 }
 
-/* Opens a state file and reads its header. */
+static bool damaged(const char *path, Report *report) { return report_error(report, path, 0, "the saved state is damaged"); }
+
+/* Opens a state file that is whole, and reads its header. */
 static FILE *open_state(const char *path, Header *header, Report *report)
 {
     FILE *file = fopen(path, "rb");
-    if (!file) report_error(report, path, 0, "%s", strerror(errno));
-    else if (fread(header, sizeof *header, 1, file) != 1 || memcmp(header->magic, "MLTRUN3\n", 8) != 0 || header->path_bytes != sizeof(Path)
-          || header->width - 1 >= 65535 || header->height - 1 >= 65535) {
-        report_error(report, path, 0, "not the saved state of a run, or of another version of mlt");
-        fclose(file);
-        file = NULL;
-    }
-    return file;
+    uint64_t sum, kept;
+    off_t end;
+    bool ok = file != NULL;
+    if (!ok) report_error(report, path, 0, "%s", strerror(errno));
+    else if (fread(header, sizeof *header, 1, file) != 1 || memcmp(header->magic, MAGIC, sizeof header->magic) != 0 || header->path_bytes != sizeof(Path))
+        ok = report_error(report, path, 0, "not the saved state of a run, or of another version of mlt");
+    else if (fseeko(file, -(off_t)sizeof sum, SEEK_END) != 0 || (end = ftello(file)) < (off_t)sizeof *header || !file_sum(file, end, &sum)
+          || fread(&kept, sizeof kept, 1, file) != 1 || kept != sum || fseeko(file, sizeof *header, SEEK_SET) != 0)
+        ok = damaged(path, report);
+    if (ok || !file) return file;
+    fclose(file);
+    return NULL;
+}
+
+/* Whether the file has ended but for its checksum. */
+static bool at_sum(FILE *file)
+{
+    uint64_t sum;
+    return fread(&sum, sizeof sum, 1, file) == 1 && getc(file) == EOF;
 }
 
 bool render_resume(Render *r, const char *path, Report *report)
@@ -169,8 +225,7 @@ bool render_resume(Render *r, const char *path, Report *report)
         Stream s = { file, false, true };
         pass_state(&s, r);
         if (s.ok && r->round.phase == CHAINS && r->round.left > 0) pass_path(&s, r->x, &r->scene->mesh);
-        ok = s.ok && getc(file) == EOF;
-        if (!ok) report_error(report, path, 0, "the saved state is damaged");
+        ok = (s.ok && at_sum(file)) || damaged(path, report);
         if (ok && r->has_chain) run_go_on(r);
     }
     fclose(file);
@@ -209,7 +264,7 @@ static Render *read_run(FILE *file, const Header *header, const char *path, Repo
         if (r->has_chain) run_close_chains(r);
         return r;
     }
-    report_error(report, path, 0, "the saved state is damaged");
+    damaged(path, report);
     render_merged_free(r);
     return NULL;
 }
