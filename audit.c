@@ -25,6 +25,7 @@ typedef struct {
 typedef struct {
     const Space *space;
     const Sampler *sampler;
+    int only;                                  /* the row that is audited; negative: all */
     const Bootstrap *seeds;
     Bdpt *bdpt;
     Path x, y, start, proposal, fresh_x, fresh_y;
@@ -37,6 +38,8 @@ typedef struct {
     int n_touched;
     unsigned touched[FAMILIES * (2 * FLOW_STEPS + 2)];
 } Lab;
+
+static bool is_audited(const Lab *lab, int r) { return lab->sampler->share[r] > 0 && (lab->only < 0 || lab->only == r); }
 
 /* ---- is R = f/T? ---- */
 
@@ -405,7 +408,7 @@ static double audit_flows(Lab *lab, uint64_t n, uint64_t seed)
         worst = fmax(worst, fabs(start_weight(&lab->start) / c->weight - 1));
         starts++;
         for (int r = 0; r < lab->sampler->rows; r++)
-            if (may_choose(lab->space, lab->sampler, &lab->start, r)) audit_flow(&lab->finding[r], r, lab, W, &rng);
+            if (is_audited(lab, r) && lab->sampler->table[r].applies(lab->space, &lab->start)) audit_flow(&lab->finding[r], r, lab, W, &rng);
     }
     for (int r = 0; r < lab->sampler->rows; r++)
         for (int k = 0; k < FAMILY * FAMILIES; k++) {
@@ -434,7 +437,7 @@ static void audit_states(Lab *lab, uint64_t n, uint64_t seed)
             Finding *f = &lab->finding[r];
             const Mutation *row = &lab->sampler->table[r];
             const Path *x = &lab->x, *y = &lab->proposal;
-            if (!may_choose(space, lab->sampler, x, r)) continue;
+            if (!is_audited(lab, r) || !row->applies(space, x)) continue;
             Move move;
             Outcome outcome = row->propose(space, &lab->sampler->tuning, x, &lab->proposal, &rng, &move);
             f->proposals++;
@@ -470,26 +473,31 @@ static bool print_findings(FILE *out, const Lab *lab, double start_error)
     fprintf(out, "%-8s %10s %10s %10s %12s %10s %8s %10s %8s\n", "", "", "", "", "worst of R", "freedom", "z", "classes", "z");
     for (int r = 0; r < lab->sampler->rows; r++) {
         const Finding *f = &lab->finding[r];
-        if (!(lab->sampler->share[r] > 0)) continue;
+        if (!is_audited(lab, r)) continue;
         double z = f->freedom ? deviate(f->chi_squared, f->freedom) : 0;
         bool good = f->worst <= worst_allowed && fabs(z) <= histogram_limit && f->z_flow <= flow_limit;
         fprintf(out, "%-8s %10" PRIu64 " %10" PRIu64 " %10" PRIu64 " %12.2e %10d %8.2f %10d %8.2f  ", lab->sampler->table[r].name, f->proposals,
                 f->proposals - f->outcome[PROPOSED], f->accepted, f->worst, f->freedom, z, f->classes, f->z_flow);
         for (int i = PROPOSED + 1; i < OUTCOMES; i++)
             if (f->outcome[i]) fprintf(out, " %s %" PRIu64, outcome_name[i], f->outcome[i]);
-        fprintf(out, "%s%s\n", f->proposals ? "" : " nothing proposed: no path that it applies to was met", good ? "" : "   OFF");
+        if (f->proposals == 0) fputs(" nothing proposed: no path that it applies to was met", out);
+        else if (f->freedom == 0 || f->classes == 0)
+            fprintf(out, "   too few to test: %s", f->freedom ? "flows" : f->classes ? "proposals from fixed x" : "proposals from fixed x, flows");
+        fputs(good ? "\n" : "   OFF\n", out);
         ok &= good;
     }
     fprintf(out, "\nStart weights by a second route: worst relative difference %.2e%s\n", start_error, start_error <= worst_allowed ? "" : "   OFF");
     return ok;
 }
 
-bool audit(const Space *space, const Sampler *sampler, const Bootstrap *seeds, Bdpt *bdpt, uint64_t proposals, uint64_t seed, FILE *out, Report *report)
+bool audit(const Space *space, const Sampler *sampler, int only, const Bootstrap *seeds, Bdpt *bdpt, uint64_t proposals, uint64_t seed, FILE *out,
+           Report *report)
 {
     Lab *lab = calloc(1, sizeof *lab);
     if (!lab) return report_error(report, NULL, 0, "out of memory");
     lab->space = space;
     lab->sampler = sampler;
+    lab->only = only;
     lab->seeds = seeds;
     lab->bdpt = bdpt;
     audit_states(lab, proposals, seed);

@@ -12,8 +12,10 @@
 #include "mlt.h"
 #include <stdlib.h>
 
-/* Prints a line of findings for each row; false with an error if any is off. The space's image-plane weight must be NULL. */
-bool audit(const Space *space, const Sampler *sampler, const Bootstrap *seeds, Bdpt *bdpt, uint64_t proposals, uint64_t seed, FILE *out, Report *report);
+/* Prints a line of findings for each row, or for row 'only' if that is not negative; false with an error if any is off. What had too few proposals to
+ * be tested is said, and is not off. The space's image-plane weight must be NULL. */
+bool audit(const Space *space, const Sampler *sampler, int only, const Bootstrap *seeds, Bdpt *bdpt, uint64_t proposals, uint64_t seed, FILE *out,
+           Report *report);
 
 /* ---- definitions that the audit multiplies and explain.c prints ---- */
 

@@ -532,7 +532,7 @@ bool explain(const Space *space, const Sampler *sampler, const ExplainOptions *o
     bool ok = lab && (lab->bdpt = bdpt_new()) && bootstrap_run(&lab->seeds, space, lab->bdpt, samples, o->seed, (uint64_t)1 << 32);
     if (!ok) report_error(report, NULL, 0, "out of memory");
     else if (!(lab->seeds.b > 0)) ok = report_error(report, NULL, 0, "no light reaches the camera on any of %" PRIu64 " paths: nothing to mutate", lab->seeds.n);
-    else if (o->audit) ok = audit(space, sampler, &lab->seeds, lab->bdpt, o->proposals ? o->proposals : audit_count, o->seed, out, report);
+    else if (o->audit) ok = audit(space, sampler, row, &lab->seeds, lab->bdpt, o->proposals ? o->proposals : audit_count, o->seed, out, report);
     else ok = explain_one(lab, space, sampler, o, out, report);
     if (lab) {
         bdpt_free(lab->bdpt);

@@ -8,7 +8,7 @@
 #include "mlt.h"
 
 typedef struct {
-    const char *strategy;      /* name of a row of mutation_table; NULL for any */
+    const char *strategy;      /* name of a row of mutation_table; NULL for any, or for the audit of all */
     bool accepted;             /* only a mutation that the chain accepted */
     int length;                /* edges of x; 0 for any */
     int example;               /* 1 or 2: a mutation of exactly that example of the lecture; else 0 */
@@ -18,7 +18,7 @@ typedef struct {
     uint64_t seed;
 } ExplainOptions;
 
-/* Finds a mutation that meets the options and prints it, or prints the audit, to which strategy, accepted, length and example mean nothing.
+/* Finds a mutation that meets the options and prints it, or prints the audit, to which accepted, length and example mean nothing.
  * The space's image-plane weight must be NULL. False with an error if there is none among the tries, or if the audit found anything off (what it
  * found is printed). */
 bool explain(const Space *space, const Sampler *sampler, const ExplainOptions *options, FILE *out, Report *report);

@@ -180,5 +180,19 @@ for scene in cornell caustic; do
     check "audit of $scene: something is off" not says OFF
 done
 
+explain 0 --audit -n 2000 --strategy lens "$root/scenes/cornell.obj"
+check "audit of lens: no row" says "^lens  *[1-9]"
+check "audit of lens: another row" not says "^bidir"
+explain 0 --audit -n 100 "$root/scenes/cornell.obj"
+check "audit of next to nothing: does not say so" says "^bidir .*too few to test"
+
+# ---- options that would mean nothing ----
+
+for options in '--audit --example 1' '--audit --length 3' '--audit --accepted' '-n 100' '-v'; do
+    explain 2 $options "$root/scenes/cornell.obj"
+    check "no hint: $options" says "--help" stderr
+    check "prints something all the same: $options" test ! -s stdout
+done
+
 echo "$passed passed, $failed failed"
 test "$failed" -eq 0
