@@ -22,7 +22,7 @@ WARN = -Wall -Wextra -Wpedantic -Wshadow -Wconversion
 BUILD = build/main
 ifdef SAN
   CFLAGS = -O1 -g -fno-omit-frame-pointer
-  MUST += -fsanitize=address,undefined -fno-sanitize-recover=undefined
+  MUST += -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all
   BUILD = build/san
 endif
 COMPILE = $(CC) $(CPPFLAGS) $(CFLAGS) $(ARCH) $(MUST) $(WARN) -I.

@@ -65,7 +65,7 @@ static double class_share(const RenderStats *s, int class)
     return all > 0 ? s->found[class].weight / all : 0;
 }
 
-/* So many samples of equal weight would tell as much: a few heavy ones may carry all. */
+/* So many samples of equal light would tell as much: a few heavy ones may carry all. */
 static double class_worth(const RenderStats *s, int class)
 {
     return s->found[class].hits > 0 ? s->found[class].weight * s->found[class].weight / s->found[class].square : 0;

@@ -10,11 +10,13 @@ double even(double offset, uint64_t index, int dimension)
     return u - floor(u);
 }
 
-typedef struct { const Bdpt *bdpt; double weight[CLASSES]; } Weights;   /* of one sample */
-static void add_weight(void *context, const Candidate *c)
+/* What one sample found: of the target, and of the light by classes, without the weight w of the two-stage target. */
+typedef struct { const Bdpt *bdpt; const Pixel *film; double weight, light[CLASSES]; } Found;
+static void add_found(void *context, const Candidate *c)
 {
-    Weights *w = context;
-    w->weight[bdpt_class(w->bdpt, c)] += c->weight;
+    Found *f = context;
+    f->weight += c->weight;
+    f->light[bdpt_class(f->bdpt, c)] += c->weight / (f->film ? (double)f->film[c->pixel].weight : 1);
 }
 
 static void sample(const Bootstrap *s, const Space *space, Bdpt *bdpt, uint64_t i, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
@@ -40,15 +42,14 @@ void bootstrap_sample(Bootstrap *s, const Space *space, Bdpt *bdpt, uint64_t mor
     double sum = s->done ? s->sum[s->done - 1] : 0;
     uint64_t i = s->done, end = s->n - i < more ? s->n : i + more;
     for (; i < end; i++) {
-        Weights found = { .bdpt = bdpt };
-        double weight = 0;
-        sample(s, space, bdpt, i, &rng, add_weight, &found);
-        for (int c = 0; c < CLASSES; c++) weight += found.weight[c];
+        Found found = { .bdpt = bdpt, .film = space->film };
+        sample(s, space, bdpt, i, &rng, add_found, &found);
+        double weight = found.weight;
         if (!isfinite(weight)) { s->bad++; weight = 0; }
         for (int c = 0; c < CLASSES && weight > 0; c++) {
-            s->found[c].hits += found.weight[c] > 0;
-            s->found[c].weight += found.weight[c];
-            s->found[c].square += found.weight[c] * found.weight[c];
+            s->found[c].hits += found.light[c] > 0;
+            s->found[c].weight += found.light[c];
+            s->found[c].square += found.light[c] * found.light[c];
         }
         s->hits += weight > 0;
         s->sum[i] = sum += weight;

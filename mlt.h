@@ -18,7 +18,8 @@ typedef struct {
     uint64_t hits;             /* samples with W_i > 0 */
     double offset_x, offset_y; /* of the stratified raster positions */
     uint64_t bad;              /* samples that were not finite: dropped and reported */
-    struct { uint64_t hits; double weight, square; } found[CLASSES];   /* by class of path: the samples that found one, sums of their W and W^2 */
+    struct { uint64_t hits; double weight, square; } found[CLASSES];   /* by class of path: the samples that found one, sums of their light and light^2:
+                                  the luminance, as far as the space holds it, without the weight w of the two-stage target */
 } Bootstrap;
 
 /* False if memory runs out. bootstrap_run does all at once; else bootstrap_sample draws at most so many more, until done is n. */
@@ -52,7 +53,8 @@ typedef struct {
  * the steps of sampler_for. For a pilot whose states are thrown away: a chain's own steps must not depend on its past. */
 void sampler_tune(Sampler *sampler, const Scene *scene, const ChainCount *count);
 
-/* Runs a chain of 'steps' mutations from x and leaves its last state there, so that it can go on; y is work space. Records every state with the weights of expected values: their sum is 'steps'.
+/* Runs a chain of 'steps' mutations from x and leaves its last state there, so that it can go on; y is work space. Records every state with the
+ * weights of expected values: their sum is 'steps'.
  * record(context, path, weight): the path's share of the picture is weight * colour / chi. */
 void chain_run(const Space *space, const Sampler *sampler, Path *x, Path *y, uint64_t steps, Rng *rng,
                void (*record)(void *context, const Path *path, double weight), void *context, ChainCount *count);

@@ -520,19 +520,14 @@ bool render_run(Render *r, bool (*keep_going)(void *, const Render *), void *con
 RenderStats render_stats(const Render *r)
 {
     RenderStats s = r->stats;
-    const Settings *settings = r->settings;
     const Round *round = &r->round;
     double steps = r->steps_sum + round->steps, b = r->b_sum + round->steps * round->b;
-    double samples = (double)r->passes.rows * r->scene->camera.width, work = r->has_chain ? steps : samples;
-    s.mutations = r->has_chain ? s.chain.steps : (uint64_t)samples;
+    s.mutations = r->has_chain ? s.chain.steps : r->passes.rows * r->scene->camera.width;
     s.rays = *r->scene->rays;
     s.b = steps > 0 ? b / steps : 0;
     s.b_stderr = steps > 0 ? sqrt(r->b_variance_sum + round->steps * round->steps * round->b_variance) / steps : 0;
     s.relative_error = r->relative_error;
     s.bad_samples += s.chain.bad;
-    if (settings->per_pixel > 0) s.done = work / (settings->per_pixel * (double)r->pixels);
-    if (settings->seconds > 0) s.done = fmax(s.done, (clock_now() - settings->start) / settings->seconds);
-    s.done = fmin(s.done, 1);
     return s;
 }
 

@@ -21,7 +21,6 @@ typedef struct {
 } Settings;
 
 typedef struct {
-    double done;                   /* share of the work or time, 0 .. 1; 0 if there is no limit */
     double seconds_start, seconds_direct, seconds_chain;
     uint64_t mutations;            /* for path and bdpt: samples */
     uint64_t rays, start_rays, chain_rays;   /* all; those of the bootstraps; of the chains */
@@ -29,7 +28,7 @@ typedef struct {
     double relative_error;         /* sqrt of the estimated relMSE of the picture; NAN while unknown */
     uint64_t bad_samples;
     uint64_t bootstrap_samples, bootstrap_hits;
-    struct { uint64_t hits; double weight, square; } found[CLASSES];   /* bootstrap samples that found such paths; sums of their weights and squares */
+    struct { uint64_t hits; double weight, square; } found[CLASSES];   /* bootstrap samples that found such paths; sums of their light and its squares */
     double chain_part;             /* of the picture's light, what the chains bring */
     /* Whether the rounds agree, tile by tile of the film; of finished rounds. */
     uint32_t tiles, rounds, tiles_disagreeing;  /* most of the chains' light, and enough to be seen, came in one round alone */

@@ -4,7 +4,7 @@
 #     sh doc/parallel.sh FOLDER RUNS SCENE.obj [OPTION ...]       from the folder that mlt is in; -t or -n among the options
 #
 # MACHINES names a file of hosts, one a line, that see this folder under the same name (parallel's --sshloginfile). Interrupted, each run saves its state; called
-# again with the same words, each goes on from there, and those that were done end at once.
+# again with the same words, each goes on from there: with -n those that were done end at once, with -t each works for so long again.
 folder=$1
 runs=$2
 scene=$3

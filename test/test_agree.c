@@ -359,6 +359,35 @@ static void test_furnace(void)
     scene_free(&scene);
 }
 
+/* What a bootstrap says of the classes of paths is light, whatever weight w of the two-stage target the pixels have. */
+static void test_found(void)
+{
+    Scene scene;
+    if (!load(&scene, "scenes/caustic.obj")) return;
+    size_t pixels = (size_t)scene.camera.width * scene.camera.height;
+    Pixel *film = calloc(pixels, sizeof *film);
+    Bdpt *bdpt = bdpt_new();
+    Space space = { .scene = &scene, .max_depth = 8, .direct = DIRECT_INCLUDED };
+    Bootstrap plain, weighted;
+    for (size_t i = 0; i < pixels; i++) film[i].weight = (float)ldexp(1, (int)(i % 7));
+    bool ok = bootstrap_run(&plain, &space, bdpt, 4000, seed, 0);
+    space.film = film;
+    if (CHECK(ok && bootstrap_run(&weighted, &space, bdpt, 4000, seed, 0))) {
+        CHECK(weighted.b > 2 * plain.b);
+        CHECK(plain.found[CLASS_CAUSTIC].hits > 0);
+        for (int c = 0; c < CLASSES; c++) {
+            CHECK(weighted.found[c].hits == plain.found[c].hits);
+            CHECK_NEAR(weighted.found[c].weight, plain.found[c].weight, 1e-12 * plain.found[c].weight);
+            CHECK_NEAR(weighted.found[c].square, plain.found[c].square, 1e-12 * plain.found[c].square);
+        }
+        bootstrap_free(&weighted);
+    }
+    bootstrap_free(&plain);
+    bdpt_free(bdpt);
+    free(film);
+    scene_free(&scene);
+}
+
 int main(int argc, char **argv)
 {
     if (argc > 1) factor = atof(argv[1]);
@@ -367,6 +396,7 @@ int main(int argc, char **argv)
     test_precisely();
     test_divided();
     test_furnace();
+    test_found();
     printf("%d comparisons\n", comparisons);
     CHECK(comparisons < COMPARISONS);
     return check_report();

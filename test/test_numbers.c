@@ -1,5 +1,5 @@
 /* Random numbers: the stream is the published one, 1 never comes. Sums: how many splats a pixel can take. */
-#include "../rng.h"
+#include "../path.h"
 #include "check.h"
 
 static void test_stream(void)
@@ -32,23 +32,26 @@ static void test_range(void)
     CHECK(rng_index(&index, UINT32_MAX) == UINT32_MAX - 1);
 }
 
-/* The films are sums in double. A splat of weight w rounds a sum S by at most 2^-53 S: after 1e10 splats of about 1 that is 1e-6 of a splat, always
+/* A chain's film sums in double. A splat of weight w rounds a sum S by at most 2^-53 S: after 1e10 splats of about 1 that is 1e-6 of a splat, always
  * to one side where all are equal, to either where they differ. So the sum is good to 1e-6 in the worst case and to some 1e-11 in practice;
  * rounds, which have films of their own, only make it better. Here the last of the 1e10 splats, on a pixel that holds all the others. */
 static void test_sums(void)
 {
     enum { SPLATS = 1000000 };
     const double before = 1e10;
-    double equal = before, varied = before, exact = 0;
-    for (int i = 0; i < SPLATS; i++) equal += 1.0 / 3;
+    Pixel pixel = { .sum = { 1e10, 1e10 } };
+    double exact = 0;
+    for (int i = 0; i < SPLATS; i++) pixel.sum[0] += 1.0 / 3;
+    double equal = pixel.sum[0];
     CHECK_NEAR((equal - before) / (SPLATS / 3.0), 1, 3e-6);           /* a third of the 1e-6 above would be a splat of 1 */
     CHECK_NEAR(equal / (before + SPLATS / 3.0), 1, 1e-9);
     Rng rng = rng_new(1, 1);
     for (int i = 0; i < SPLATS; i++) {
         double splat = 2 * rng_double(&rng);
-        varied += splat;
+        pixel.sum[1] += splat;
         exact += splat;
     }
+    double varied = pixel.sum[1];
     CHECK_NEAR((varied - before) / exact, 1, 1e-8);
     CHECK_NEAR(varied / (before + exact), 1, 1e-11);
     float single = (float)before;                                      /* which a film of floats would not pass */
