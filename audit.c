@@ -466,8 +466,8 @@ static bool print_findings(FILE *out, const Lab *lab, double start_error)
         histograms += lab->finding[r].freedom > 0;
     }
     double flow_limit = chance_limit(flows, false_alarm / 2), histogram_limit = chance_limit(histograms, false_alarm / 2);
-    fprintf(out, "Audit of each strategy: R of every proposal against f/T evaluated whole and from scratch (relative difference, at most %.0e), proposals from\n"
-            "fixed x against T (z at most %.2f), and flows between classes of paths from exact starts (z at most %.2f).\n\n"
+    fprintf(out, "Audit of each strategy: R of every proposal against f/T evaluated whole and from scratch (relative difference, at most %.0e),\n"
+            "proposals from fixed x against T (z at most %.2f), and flows between classes of paths from exact starts (z at most %.2f).\n\n"
             "%-8s %10s %10s %10s %12s %10s %8s %10s %8s   zero because\n", worst_allowed, histogram_limit, flow_limit,
             "strategy", "proposals", "zero", "accepted", "difference", "proposals", "", "flows", "");
     fprintf(out, "%-8s %10s %10s %10s %12s %10s %8s %10s %8s\n", "", "", "", "", "worst of R", "freedom", "z", "classes", "z");

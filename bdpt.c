@@ -112,7 +112,8 @@ typedef struct { double sum, grown, traced; int vertices; } Routes;
 static Routes extend(Routes a, const Scatter *from, double inv_G, const Scatter *to, double r)
 {
     double joined = a.grown * (from->inv_F * inv_G * to->inv_F);
-    return (Routes){ a.sum * to->inv_S_light + joined, a.grown * from->inv_S_lens, a.traced * to->inv_S_light / r + (a.vertices == 1 ? joined : 0), a.vertices + 1 };
+    return (Routes){ a.sum * to->inv_S_light + joined, a.grown * from->inv_S_lens, a.traced * to->inv_S_light / r + (a.vertices == 1 ? joined : 0),
+                     a.vertices + 1 };
 }
 
 /* Fills the candidate of n_light and n_lens vertices; false if it carries nothing. */
@@ -151,7 +152,8 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
             double r = survival(&light->point);
             at_light.inv_S_lens *= r;
             at_light.inv_S_light *= r;
-            routes = extend((Routes){ b->sum[n_light - 2], b->grown[n_light - 2], b->traced[n_light - 2], n_light - 1 }, &light[-1].s, light[-1].inv_G, &at_light, r);
+            routes = extend((Routes){ b->sum[n_light - 2], b->grown[n_light - 2], b->traced[n_light - 2], n_light - 1 }, &light[-1].s, light[-1].inv_G,
+                            &at_light, r);
             colour = mul(b->light_colour[n_light - 2], at_light.colour);
         }
         double r_lens = 1;

@@ -187,7 +187,8 @@ static void print_deletion(FILE *out, const Half *h, const Tuning *tuning)
     const Path *p = h->from->path;
     int k_d = h->t - h->s, n = p->k + 3 - k_d;
     double share = tuning->p_d2_importance, W = 0, mine = 0;
-    fprintf(out, "  delete: s = %d, t = %d, k_d = t - s = %d of %d edges [lecture: Choosing a segment to delete; Deletion Probability]\n", h->s, h->t, k_d, p->k);
+    fprintf(out, "  delete: s = %d, t = %d, k_d = t - s = %d of %d edges [lecture: Choosing a segment to delete; Deletion Probability]\n",
+            h->s, h->t, k_d, p->k);
     fprintf(out, "    p_d1^%s[%d] = %.9g / (1 - %.9g) = %.9g    1/4, 1/2, 2^-e; cut at k + 2 and normalised again\n", h->x, k_d,
             raw_p_d1(k_d), ldexp(1, -(p->k + 2)), h->p_d1);
     fprintf(out, "    w^%s[s,t], the computable part of 1/R(%s|%s), for each segment of %d edge%s%s:\n     ", h->x, h->x, h->y, k_d, k_d > 1 ? "s" : "",
@@ -367,7 +368,8 @@ static void print_perturbation(FILE *out, int row, const Tuning *t, const Named 
         fprintf(out, "  the direction from x_%d towards the lens", m);
         print_turn(out, t, a->v[m].to_lens, b->v[m].to_lens);
     } else {
-        if (row == SUBPATH) fprintf(out, "  a fresh raster position, uniform over the film%s", y->first + y->count > b->k ? ", and a fresh point of the lens" : "");
+        if (row == SUBPATH)
+            fprintf(out, "  a fresh raster position, uniform over the film%s", y->first + y->count > b->k ? ", and a fresh point of the lens" : "");
         else fprintf(out, "  the raster position moves by %.6g pixels, of steps from %.6g to %.6g",
                      hypot(b->raster_x - a->raster_x, b->raster_y - a->raster_y), t->r2 * exp(t->log_r), t->r2);
         fprintf(out, ": from (%.4f, %.4f) to (%.4f, %.4f)\n", a->raster_x, a->raster_y, b->raster_x, b->raster_y);
@@ -377,9 +379,10 @@ static void print_perturbation(FILE *out, int row, const Tuning *t, const Named 
         fprintf(out, "  at %s the old direction towards the light", vertex_name(y, i, name));
         print_turn(out, t, a->v[i - 1].to_lens, b->v[i - 1].to_lens);
     }
-    fputs(row == SUBPATH ? "  The modes are drawn: S = F/q stays a ratio. What both directions share, the density over the film, cancels.\n"
-                         : "  Modes are copied, not drawn: q counts as 1, and q S = F stands where S = F/F would. A turned direction leaves F |cos|. Steps are as likely\n"
-                           "  there as back, so their density cancels.\n", out);
+    fputs(row == SUBPATH
+          ? "  The modes are drawn: S = F/q stays a ratio. What both directions share, the density over the film, cancels.\n"
+          : "  Modes are copied, not drawn: q counts as 1, and q S = F stands where S = F/F would. A turned direction leaves F |cos|. Steps are\n"
+            "  as likely there as back, so their density cancels.\n", out);
     fputs("\nTHERE\n", out);
     print_R(out, row, y, "y", "x", m, move->R_yx);
     fputs("\nAND BACK\n", out);
@@ -495,9 +498,11 @@ static void print_step(FILE *out, const Space *space, const Sampler *sampler, co
     double q_x = print_choice(out, space, sampler, x, "x", step->row), q_y = print_choice(out, space, sampler, y, "y", step->row);
     int V = step->outcome != ZERO_BLOCKED;
     if (m->joined >= 0)
-        fprintf(out, "  V(%s,%s) = %d    %s\n", vertex_name(&new, m->joined, a), vertex_name(&new, m->joined + 1, b), V, V ? "nothing is in between" : "blocked, f(y) = 0");
+        fprintf(out, "  V(%s,%s) = %d    %s\n", vertex_name(&new, m->joined, a), vertex_name(&new, m->joined + 1, b), V,
+                V ? "nothing is in between" : "blocked, f(y) = 0");
     else fputs("  V = 1    no edge was joined: all were traced\n", out);
-    fprintf(out, "  a(y|x) = V min(1, R(y|x) q(y) / ( R(x|y) q(x) )) = %d * min(1, %.9g * %.9g / (%.9g * %.9g)) = %.9g\n", V, m->R_yx, q_y, m->R_xy, q_x, step->a);
+    fprintf(out, "  a(y|x) = V min(1, R(y|x) q(y) / ( R(x|y) q(x) )) = %d * min(1, %.9g * %.9g / (%.9g * %.9g)) = %.9g\n",
+            V, m->R_yx, q_y, m->R_xy, q_x, step->a);
     fprintf(out, "  The chain %s y.\n", step->accepted ? "accepted" : "rejected");
 }
 
@@ -526,12 +531,14 @@ bool explain(const Space *space, const Sampler *sampler, const ExplainOptions *o
     if (o->strategy && row < 0) return report_error(report, NULL, 0, "there is no strategy '%s'", o->strategy);
     if (o->strategy && !(sampler->share[row] > 0))
         return report_error(report, NULL, 0, "'%s' is not among the strategies, or of no use in a scene without mirrors and glass", o->strategy);
-    if (o->example && o->strategy && row != BIDIR) return report_error(report, NULL, 0, "the lecture's examples are mutations by '%s'", sampler->table[BIDIR].name);
+    if (o->example && o->strategy && row != BIDIR)
+        return report_error(report, NULL, 0, "the lecture's examples are mutations by '%s'", sampler->table[BIDIR].name);
     Lab *lab = calloc(1, sizeof *lab);
     uint64_t samples = o->bootstrap ? o->bootstrap : default_count;
     bool ok = lab && (lab->bdpt = bdpt_new()) && bootstrap_run(&lab->seeds, space, lab->bdpt, samples, o->seed, (uint64_t)1 << 32);
     if (!ok) report_error(report, NULL, 0, "out of memory");
-    else if (!(lab->seeds.b > 0)) ok = report_error(report, NULL, 0, "no light reaches the camera on any of %" PRIu64 " paths: nothing to mutate", lab->seeds.n);
+    else if (!(lab->seeds.b > 0))
+        ok = report_error(report, NULL, 0, "no light reaches the camera on any of %" PRIu64 " paths: nothing to mutate", lab->seeds.n);
     else if (o->audit) ok = audit(space, sampler, row, &lab->seeds, lab->bdpt, o->proposals ? o->proposals : audit_count, o->seed, out, report);
     else ok = explain_one(lab, space, sampler, o, out, report);
     if (lab) {

@@ -1,16 +1,16 @@
-/* argv to file: the run and its progress, pictures, counters as JSON, and the other commands.
+/* argv to file: the run and its progress, what it leaves, and the other commands.
  *
  * Whatever goes wrong comes here as a Report and leaves as one line on standard error: exit 1 for a scene or file, 2 for wrong usage.
  * Standard output holds only what was asked for. Must not know how a picture is computed. */
 #include "options.h"
 #include "output.h"
+#include "stats.h"
 #include <errno.h>
 #include <inttypes.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
 enum { EXIT_USAGE = 2, SCREEN = 79, SAVE_SECONDS = 60 };
@@ -40,124 +40,16 @@ static bool write_pictures(const Options *o, const Render *render, Image *image,
     return ok;
 }
 
-/* ---- counters ---- */
-
-/* What a run has cost. Mutations, where no chain runs, are samples. */
-typedef struct {
-    bool chains;
-    double seconds_total, peak_bytes, per_second, rays_each;
-} Cost;
-
-static Cost run_cost(const Settings *settings, const RenderStats *s)
-{
-    struct rusage usage;
-    getrusage(RUSAGE_SELF, &usage);
-    bool chains = options_chains(settings);
-    double n = (double)s->mutations, seconds = chains ? s->seconds_chain : s->seconds_direct, rays = (double)(chains ? s->chain_rays : s->rays);
-    return (Cost){ chains, clock_now() - settings->start, 1024.0 * (double)usage.ru_maxrss, seconds > 0 ? n / seconds : NAN, n > 0 ? rays / n : NAN };
-}
-
-/* Of the light that the chains have, as the bootstrap samples found it. */
-static double class_share(const RenderStats *s, int class)
-{
-    double all = 0;
-    for (int i = 0; i < CLASSES; i++) all += s->found[i].weight;
-    return all > 0 ? s->found[class].weight / all : 0;
-}
-
-/* So many samples of equal light would tell as much: a few heavy ones may carry all. */
-static double class_worth(const RenderStats *s, int class)
-{
-    return s->found[class].hits > 0 ? s->found[class].weight * s->found[class].weight / s->found[class].square : 0;
-}
-
-static void write_json(FILE *file, const Scene *scene, const RenderStats *s, const Cost *cost)
-{
-    const struct { const char *key; double value; } entries[] = {
-        { "seconds_load", scene->seconds_load }, { "seconds_build", scene->seconds_build }, { "seconds_start", s->seconds_start },
-        { "seconds_direct", s->seconds_direct }, { "seconds_chain", s->seconds_chain }, { "seconds_total", cost->seconds_total },
-        { "width", scene->camera.width }, { "height", scene->camera.height }, { "triangles", scene->mesh.n_triangles },
-        { "mutations", (double)s->mutations }, { "mutations_per_second", cost->per_second },
-        { "rays", (double)s->rays }, { "rays_per_mutation", cost->rays_each },
-        { "b", cost->chains ? s->b : NAN }, { "b_stderr", cost->chains ? s->b_stderr : NAN }, { "estimated_relative_error", s->relative_error },
-        { "bootstrap_samples", (double)s->bootstrap_samples }, { "bootstrap_hits", (double)s->bootstrap_hits },
-        { "peak_bytes", cost->peak_bytes }, { "scene_bytes", (double)scene_bytes(scene) },
-        { "tiles", s->tiles }, { "tiles_disagreeing", cost->chains ? (double)s->tiles_disagreeing : NAN }, { "largest_tile_error", s->largest_tile_error },
-        { "effective_sample_size", cost->chains ? s->effective_samples : NAN }, { "chain_part", cost->chains ? s->chain_part : NAN },
-        { "bad_samples", (double)s->bad_samples }, { "longest_rejection_run", (double)s->chain.longest_rejection },
-    };
-    fputs("{\n", file);
-    for (size_t i = 0; i < sizeof entries / sizeof *entries; i++) {
-        double value = entries[i].value;
-        if (isfinite(value)) fprintf(file, "  \"%s\": %.*g,\n", entries[i].key, value == floor(value) ? 17 : 9, value);
-        else fprintf(file, "  \"%s\": null,\n", entries[i].key);
-    }
-    fputs("  \"strategies\": [", file);
-    for (int i = 0; cost->chains && i < MUTATIONS; i++) {
-        fprintf(file, "%s\n    {\"name\": \"%s\", \"proposed\": %" PRIu64 ", \"zero\": %" PRIu64 ", \"accepted\": %" PRIu64 ", \"zero_by\": {",
-                i ? "," : "", mutation_table[i].name, s->chain.row[i].proposed, s->chain.row[i].zero, s->chain.row[i].accepted);
-        for (int k = PROPOSED + 1; k < OUTCOMES; k++)
-            fprintf(file, "%s\"%s\": %" PRIu64, k > PROPOSED + 1 ? ", " : "", outcome_name[k], s->chain.row[i].outcome[k]);
-        fputs("}}", file);
-    }
-    fputs(cost->chains ? "\n  ],\n  \"classes\": [" : "],\n  \"classes\": [", file);
-    for (int i = 0; cost->chains && i < CLASSES; i++)
-        fprintf(file, "%s\n    {\"name\": \"%s\", \"hits\": %" PRIu64 ", \"share\": %.6g, \"worth\": %.4g}", i ? "," : "", path_class_name[i],
-                s->found[i].hits, class_share(s, i), class_worth(s, i));
-    fputs(cost->chains ? "\n  ]\n}\n" : "]\n}\n", file);
-}
-
 static bool write_stats(const char *path, const Scene *scene, const RenderStats *stats, const Cost *cost, Report *report)
 {
     if (strcmp(path, "-") == 0) {
-        write_json(stdout, scene, stats, cost);
+        stats_write(stdout, scene, stats, cost);
         return (fflush(stdout) == 0 && !ferror(stdout)) || report_error(report, "standard output", 0, "cannot write: %s", strerror(errno));
     }
     Output out;
     if (!output_open(&out, path, report)) return false;
-    write_json(out.file, scene, stats, cost);
+    stats_write(out.file, scene, stats, cost);
     return output_close(&out, path, true, report);
-}
-
-static void print_summary(const Options *o, const Scene *scene, const RenderStats *s, const Cost *cost)
-{
-    fprintf(stderr, "%s: %u triangles, %u of them lights; film %ux%u\n", o->scene, (unsigned)scene->mesh.n_triangles, (unsigned)scene->n_lights,
-            (unsigned)scene->camera.width, (unsigned)scene->camera.height);
-    fprintf(stderr, "seconds: %.2f load, %.2f tree, %.2f start, %.2f %s, %.2f chains; %.2f in all; %.0f MB at most\n", scene->seconds_load, scene->seconds_build,
-            s->seconds_start, s->seconds_direct, cost->chains ? "direct light" : "samples", s->seconds_chain, cost->seconds_total, cost->peak_bytes / 1e6);
-    if (s->mutations == 0) return;
-    fprintf(stderr, "%" PRIu64 " %s, %.3g a second, %.3g rays each; %" PRIu64 " rays\n", s->mutations, cost->chains ? "mutations" : "samples",
-            cost->per_second, cost->rays_each, s->rays);
-    if (cost->chains)
-        fprintf(stderr, "b = %.6g +- %.2g from %" PRIu64 " samples, of which %" PRIu64 " found light; longest run of rejections %" PRIu64 "\n"
-                "strategy     proposed      zero  accepted   zero because\n", s->b, s->b_stderr, s->bootstrap_samples, s->bootstrap_hits, s->chain.longest_rejection);
-    if (s->tiles_disagreeing == 0 && isfinite(s->effective_samples))
-        fprintf(stderr, "rounds: %u agree in all of %u tiles, of which the worst is off by %.2g %%; the chains are worth %.3g independent paths\n", (unsigned)s->rounds,
-                (unsigned)s->tiles, 100 * s->largest_tile_error, s->effective_samples);
-    for (int i = 0; i < MUTATIONS; i++) {
-        double n = (double)s->chain.row[i].proposed, zero = (double)s->chain.row[i].zero;
-        if (n == 0) continue;
-        fprintf(stderr, "%-8s %12.0f %8.1f%% %8.1f%%  ", mutation_table[i].name, n, 100 * zero / n, 100 * (double)s->chain.row[i].accepted / n);
-        for (int k = PROPOSED + 1; k < OUTCOMES; k++)
-            if (s->chain.row[i].outcome[k]) fprintf(stderr, " %s %.0f%%", outcome_name[k], 100 * (double)s->chain.row[i].outcome[k] / zero);
-        fputc('\n', stderr);
-    }
-    if (isnan(s->relative_error)) fputs("estimated error: not known, the run was too short\n", stderr);
-    else fprintf(stderr, "estimated error: values are off by %.3g %% of their size (root mean square over the picture)\n", 100 * s->relative_error);
-}
-
-/* What the estimated error cannot know: light that was found by chance, so that what was found says little of what there is. */
-static void warn_of_chance(const RenderStats *s, Report *report)
-{
-    for (int i = 0; i < CLASSES; i++) {
-        double share = class_share(s, i) * s->chain_part;
-        if (share > 0.05 && class_worth(s, i) < 50)
-            report_warning(report, NULL, 0, "%s: %.0f %% of the picture's light rest on some %.0f of %" PRIu64 " bootstrap samples: its brightness is not to be trusted",
-                           path_class_name[i], 100 * share, ceil(class_worth(s, i)), s->bootstrap_samples);
-    }
-    if (s->tiles_disagreeing)
-        report_warning(report, NULL, 0, "%u of %u tiles got most of their light in one round of %u: that light was found by chance and may be too bright or too dim "
-                       "there; run longer (-t) or merge more seeds", (unsigned)s->tiles_disagreeing, (unsigned)s->tiles, (unsigned)s->rounds);
 }
 
 /* ---- the run ---- */
@@ -251,9 +143,10 @@ static bool render_and_write(const Options *o, const Scene *scene, Render *rende
         ok = false;
     }
     RenderStats stats = render_stats(render);
-    Cost cost = run_cost(&o->settings, &stats);
-    if (stats.bad_samples) report_warning(report, NULL, 0, "%" PRIu64 " samples were not finite and are left out: the picture may be too dark", stats.bad_samples);
-    warn_of_chance(&stats, report);
+    Cost cost = stats_cost(&o->settings, &stats);
+    if (stats.bad_samples)
+        report_warning(report, NULL, 0, "%" PRIu64 " samples were not finite and are left out: the picture may be too dark", stats.bad_samples);
+    stats_warn(&stats, report);
     render_image(render, image);
     bool unseen = stats.mutations + stats.bootstrap_samples > 0 && stats.bootstrap_hits == 0;
     if (scene->n_lights > 0 && is_black(image))
@@ -263,7 +156,7 @@ static bool render_and_write(const Options *o, const Scene *scene, Render *rende
         complain(report);
         ok = false;
     }
-    if (o->verbosity > 0) print_summary(o, scene, &stats, &cost);
+    if (o->verbosity > 0) stats_print(stderr, o->scene, scene, &stats, &cost);
     return ok;
 }
 
@@ -409,7 +302,9 @@ static bool run_merge(Options *o, const char *const *operand, int operands, Repo
     if (image) {
         render_image(merged, image);
         ok = write_pictures(o, merged, image, report);
-        if (o->verbosity > 0) fprintf(stderr, "%d runs, %" PRIu64 " samples or mutations, estimated error %.3g %%\n", operands, render_stats(merged).mutations, 100 * render_stats(merged).relative_error);
+        RenderStats s = render_stats(merged);
+        if (o->verbosity > 0)
+            fprintf(stderr, "%d runs, %" PRIu64 " samples or mutations, estimated error %.3g %%\n", operands, s.mutations, 100 * s.relative_error);
     } else {
         if (merged) report_error(report, NULL, 0, "out of memory");
         complain(report);
@@ -435,7 +330,8 @@ static int command_compare(int argc, char **argv, double start)
     const char *name_a = argv[first], *name_b = argv[first + 1];
     Image *a = image_read(name_a, &report), *b = a ? image_read(name_b, &report) : NULL;
     bool ok = a && b && ((a->width == b->width && a->height == b->height)
-        || report_error(&report, name_a, 0, "is %ux%u, but %s is %ux%u", (unsigned)a->width, (unsigned)a->height, name_b, (unsigned)b->width, (unsigned)b->height));
+        || report_error(&report, name_a, 0, "is %ux%u, but %s is %ux%u", (unsigned)a->width, (unsigned)a->height, name_b, (unsigned)b->width,
+                        (unsigned)b->height));
     if (ok) {
         ImageError e = image_compare(a, b);
         const double value[] = { e.rmse, e.relmse, e.ratio_of_means };
@@ -463,7 +359,8 @@ static int print_help(void)
 {
     for (int i = 0; i < COMMANDS; i++) {
         const char *name = command_table[i].name;
-        printf("%s mlt %s%s%-*s   %s\n", i ? "      " : "usage:", name, *name ? " " : "", 26 - (int)strlen(name), command_table[i].arguments, command_table[i].help);
+        printf("%s mlt %s%s%-*s   %s\n", i ? "      " : "usage:", name, *name ? " " : "", 26 - (int)strlen(name), command_table[i].arguments,
+               command_table[i].help);
     }
     puts("\nOptions, with their default in brackets; NAME.cam is the file beside SCENE.obj.");
     options_help();

@@ -18,7 +18,7 @@ typedef struct {
 } Options;
 
 /* The commands that take these options. */
-typedef enum { FOR_RENDER = 1, FOR_EXPLAIN = 2, FOR_MERGE = 4 } ForCommand;
+typedef enum { FOR_RENDER = 1, FOR_EXPLAIN = 2, FOR_MERGE = 4, FOR_SCENE = FOR_RENDER | FOR_EXPLAIN, FOR_ALL = FOR_SCENE | FOR_MERGE } ForCommand;
 
 /* Reads argv[1] .. into options that hold the defaults; operands go to 'operand' (room for argc), their number to *operands.
  * False with an error about usage. */

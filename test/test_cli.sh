@@ -594,6 +594,7 @@ expect 0 room.obj -n 4 --bootstrap 500 -o out/a.pfm
 check 'no progress line where there is no terminal' silent
 expect 0 room.obj -v -n 4 --bootstrap 500 -o out/a.pfm
 check 'the summary is on standard error' test ! -s stdout
+check 'the table of strategies stands below its heading' test "$(sed -n '/^strategy/{n;s/ .*//p;}' stderr)" = bidir
 for word in triangles seconds mutations bidir 'estimated error'; do check "the summary has '$word'" grep -q "$word" stderr; done
 expect 1 -q broken.obj -o out/a.pfm
 check '-q does not hide errors' test -s stderr
