@@ -393,6 +393,7 @@ bool bvh_any(const Bvh *bvh, const Ray *ray)
             const Node *node = node_at(bvh, at);
             float near[WIDTH];
             unsigned mask = meet_children(node, &w, w.t_max, near), met = count_bits(mask);
+            if (!mask) continue;
             /* Children stand in the order of collapse: the last is the likeliest to block. */
             if (met <= 2) {
                 /* No branch on how many there are, which could not be predicted: with fewer, a place above the stack is written in vain. */
