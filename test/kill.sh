@@ -8,24 +8,14 @@
 # KILLS (50) of either kind, some four minutes; then REPEATS (6) times a merge of eight runs of SECONDS (1) against one run of eight times as long, two
 # minutes. The last line is 'N passed, N failed'; the merge is reported, not judged.
 
-absolute() { case $1 in /*) echo "$1" ;; *) echo "$PWD/$1" ;; esac; }
+. "$(dirname "$0")/check.sh"
 mlt=$(absolute "$1")
 often=$(absolute "$2")
 kills=${3:-50}
 repeats=${4:-6}
 seconds=${5:-1}
 scene=$PWD/scenes/cornell.obj
-folder=$(mktemp -d) || exit 1
-trap 'rm -rf "$folder"' EXIT
-trap 'exit 1' HUP INT TERM
 cd "$folder" || exit 1
-passed=0 failed=0
-check()
-{
-    what=$1
-    shift
-    if "$@"; then passed=$((passed + 1)); else failed=$((failed + 1)); echo "failed: $what"; fi
-}
 
 # moment NUMBER SECONDS: a random share of the seconds, the same for the same number
 moment() { awk -v n="$1" -v t="$2" 'BEGIN { srand(n); rand(); printf "%.3f", t * rand() }'; }
@@ -128,5 +118,4 @@ if [ "$repeats" -gt 0 ]; then
                 t, a / n, sqrt(va), 8 * t, b / n, sqrt(vb), (va + vb > 0 ? (a - b) / n / sqrt(va + vb) : 0)
         }'
 fi
-echo "$passed passed, $failed failed"
-[ "$failed" -eq 0 ]
+report

@@ -6,22 +6,10 @@
 # Tiny scenes in a folder of its own, which is removed. Says nothing about the pictures' correctness; other tests do.
 # The last line is 'N passed, N failed'; the status is 1 if anything failed.
 
-mlt=${1:-./mlt}
-case $mlt in /*) ;; *) mlt=$PWD/$mlt ;; esac
+. "$(dirname "$0")/check.sh"
+mlt=$(absolute "${1:-./mlt}")
 shipped=$PWD/scenes                                    # the caller is at the project's root
-folder=$(mktemp -d) || exit 1
-trap 'rm -rf "$folder"' EXIT
-trap 'exit 1' HUP INT TERM
 cd "$folder" || exit 1
-passed=0 failed=0
-
-# check WHAT COMMAND...: the command must succeed
-check()
-{
-    what=$1
-    shift
-    if "$@"; then passed=$((passed + 1)); else failed=$((failed + 1)); echo "failed: $what"; fi
-}
 
 # run ARGUMENT...: leaves status, and the two streams in files
 run() { "$mlt" "$@" >"$folder/stdout" 2>"$folder/stderr"; status=$?; }
@@ -36,7 +24,6 @@ expect()
 }
 
 silent() { test ! -s stdout && test ! -s stderr; }
-not() { ! "$@"; }
 # only_files NAME...: the files in the folder 'out'
 only_files() { test "$(cd out && ls | tr '\n' ' ')" = "$(for f; do printf '%s ' "$f"; done)"; }
 # all_zero FILE COUNT: the last COUNT bytes
@@ -593,5 +580,4 @@ done
 expect 0 compare --help
 
 check 'no temporary files left' test -z "$(find . -name '*.tmp*')"
-echo "$passed passed, $failed failed"
-test "$failed" -eq 0
+report

@@ -5,22 +5,10 @@
 #
 # The last line is 'N passed, N failed'; the status is 1 if anything failed.
 
-mlt=${1:-./mlt}
-case $mlt in /*) ;; *) mlt=$PWD/$mlt ;; esac
+. "$(dirname "$0")/check.sh"
+mlt=$(absolute "${1:-./mlt}")
 root=$(cd "$(dirname "$0")/.." && pwd) || exit 1
-folder=$(mktemp -d) || exit 1
-trap 'rm -rf "$folder"' EXIT
-trap 'exit 1' HUP INT TERM
 cd "$folder" || exit 1
-passed=0 failed=0
-
-# check WHAT COMMAND...: the command must succeed
-check()
-{
-    what=$1
-    shift
-    if "$@"; then passed=$((passed + 1)); else failed=$((failed + 1)); echo "failed: $what"; fi
-}
 
 # explain STATUS ARGUMENT... SCENE: the program must leave with that status; its two streams are files then
 explain()
@@ -33,7 +21,6 @@ explain()
 }
 
 says() { grep -q -e "$1" "${2:-stdout}"; }
-not() { ! "$@"; }
 refuses() { explain 1 "$@"; check "no message: $*" test -s stderr; check "prints something all the same: $*" test ! -s stdout; }
 
 # Every equation: pieces between '=' that are numbers alone must agree to 1e-6, and so must everything that goes by one name; C = F G F in tables.
@@ -180,5 +167,4 @@ for scene in cornell caustic; do
     check "audit of $scene: something is off" not says OFF
 done
 
-echo "$passed passed, $failed failed"
-test "$failed" -eq 0
+report
