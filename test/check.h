@@ -27,6 +27,12 @@ static inline int check_near(double a, double b, double tolerance, const char *a
     return 0;
 }
 
+/* The largest difference met so far; a NaN stays, so that the check at the end sees it. */
+static inline void check_worse(double *worst, double d)
+{
+    if (d > *worst || isnan(d)) *worst = d;
+}
+
 static inline int check_report(void)
 {
     printf("%d passed, %d failed\n", check_passed, check_failed);

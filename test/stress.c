@@ -9,8 +9,8 @@
 #include "check.h"
 #include "folder.h"
 #include "render.h"
+#include "statistics.h"
 #include "stress_scenes.h"
-#include "welch.h"
 #include <sys/wait.h>
 
 /* ---- the table of rows ---- */
@@ -161,11 +161,7 @@ static void render_group(Group *g, const Scene *scene, const Row *row, int estim
 
 static void moments(const Group *g, int v, double *mean, double *variance)
 {
-    double sum = 0, squares = 0;
-    for (int i = 0; i < RUNS; i++) sum += g->value[i][v];
-    *mean = sum / RUNS;
-    for (int i = 0; i < RUNS; i++) squares += (g->value[i][v] - *mean) * (g->value[i][v] - *mean);
-    *variance = squares / (RUNS - 1) / RUNS;                              /* of the mean */
+    mean_and_variance(&g->value[0][v], VALUES, RUNS, mean, variance);
 }
 
 static double mean_luminance(const Group *g)

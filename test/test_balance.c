@@ -328,7 +328,7 @@ static double bootstrap_z(const Space *space, uint64_t repetitions, uint64_t n, 
     }
     for (int k = 0; k < QUARTERS; k++) {
         double m = sum[k] / (double)repetitions, v = (square[k] / (double)repetitions - m * m) / (double)repetitions;
-        if (mean[k] > 0) worst = fmax(worst, fabs(m - mean[k]) / sqrt(v + variance[k]));
+        if (mean[k] > 0) check_worse(&worst, fabs(m - mean[k]) / sqrt(v + variance[k]));
     }
     CHECK(count.bad == 0);
     bdpt_free(bdpt);

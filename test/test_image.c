@@ -92,7 +92,7 @@ static bool shows(const Bytes *b, unsigned width, unsigned height, Expected *exp
     bool good = image && image->width == width && image->height == height;
     for (unsigned i = 0; good && i < width * height * 3; i++) {
         double value = (double)image->rgb[i], wanted = expected(context, i / 3 % width, i / 3 / width, i % 3);
-        if (fabs(value - wanted) > 1e-6 * wanted && wrong++ < 3)
+        if (!(fabs(value - wanted) <= 1e-6 * wanted) && wrong++ < 3)
             printf("x %u, y %u, channel %u: %.9g, expected %.9g\n", i / 3 % width, i / 3 / width, i % 3, value, wanted);
     }
     image_free(image);
@@ -323,7 +323,7 @@ static void test_png_streams(void)
                 wrap_zlib(&b, zlib, n, 40, 12);
                 Image *image = decode(b.at, b.n, &report);
                 for (unsigned j = 0; image && j < 40 * 12; j++)
-                    wrong += fabs((double)image->rgb[3 * j] - stream_expected(NULL, j % 40, j / 40, 0)) > 1e-6;
+                    wrong += !(fabs((double)image->rgb[3 * j] - stream_expected(NULL, j % 40, j / 40, 0)) <= 1e-6);
                 image_free(image);
                 zlib[at] ^= (unsigned char)(1 << bit);
             }
@@ -792,7 +792,7 @@ static void test_write_8_bits(void)
             for (unsigned k = 0; k < 3; k++) image->rgb[3 * i + k] = (float)from_srgb((i + 0.499 * ((int)k - 1)) / 255);
         Image *again = round_trip(image, names[f], 0);
         int wrong = 0;
-        for (unsigned i = 0; again && i < 768; i++) wrong += fabs((double)again->rgb[i] - from_srgb(i / 3 / 255.0)) > 1e-6;
+        for (unsigned i = 0; again && i < 768; i++) wrong += !(fabs((double)again->rgb[i] - from_srgb(i / 3 / 255.0)) <= 1e-6);
         CHECK(again && wrong == 0);
         image_free(again);
 
@@ -800,7 +800,7 @@ static void test_write_8_bits(void)
         for (unsigned i = 0; i < 768; i++) image->rgb[i] *= 0.25f;
         again = round_trip(image, names[f], 2);
         wrong = 0;
-        for (unsigned i = 0; again && i < 768; i++) wrong += fabs((double)again->rgb[i] - from_srgb(i / 3 / 255.0)) > 1e-6;
+        for (unsigned i = 0; again && i < 768; i++) wrong += !(fabs((double)again->rgb[i] - from_srgb(i / 3 / 255.0)) <= 1e-6);
         CHECK(again && wrong == 0);
         image_free(again);
         image_free(image);

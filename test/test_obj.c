@@ -469,7 +469,7 @@ static void test_scale(void)
             CHECK(r.ok);
             int outside = 0;
             for (uint32_t i = 0; i < r.mesh.n_positions; i++)
-                for (int k = 0; k < 3; k++) outside += fabsf(r.mesh.position[i][k]) > 1;
+                for (int k = 0; k < 3; k++) outside += !(fabsf(r.mesh.position[i][k]) <= 1);
             CHECK(outside == 0);
             if (e == 0) {
                 mesh_free(&first);
