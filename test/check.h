@@ -1,5 +1,5 @@
 /* CHECK and CHECK_NEAR: print file, line, expression and both values of what fails, count, and close with 'N passed, N failed'.
- * A test program ends with 'return check_report();', which is non-zero if anything failed. */
+ * A test program ends with 'return check_report();', which is non-zero if anything failed, or nothing was checked. */
 #ifndef CHECK_H
 #define CHECK_H
 #include <math.h>
@@ -36,6 +36,6 @@ static inline void check_worse(double *worst, double d)
 static inline int check_report(void)
 {
     printf("%d passed, %d failed\n", check_passed, check_failed);
-    return check_failed != 0;
+    return check_failed != 0 || check_passed == 0;
 }
 #endif

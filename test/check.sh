@@ -16,6 +16,9 @@ check()
 
 not() { ! "$@"; }
 
+# differ A B: both are there, and not the same
+differ() { cmp -s "$1" "$2"; test $? -eq 1; }
+
 # a file's name that holds from any folder
 absolute() { case $1 in /*) echo "$1" ;; *) echo "$PWD/$1" ;; esac; }
 

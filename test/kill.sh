@@ -49,6 +49,7 @@ while [ "$i" -lt "$kills" ]; do
     check "SIGTERM $i: and its error: $(way $w)" cmp -s part.error.pfm whole$w.error.pfm
     i=$((i + 1))
 done
+check "SIGTERM: $early of $kills before the run had begun, so that little is tested" test $((2 * early)) -le "$kills"
 check 'SIGTERM: no temporary files' test -z "$(find . -name '*.tmp*')"
 echo "SIGTERM at $kills moments: $early before the run had begun, $late after its end, all others went on to the same files"
 
@@ -57,7 +58,7 @@ echo "SIGTERM at $kills moments: $early before the run had begun, $late after it
 rm -f state
 set -- -q -s 256x256 -n 40 --bootstrap 20000
 "$mlt" "$@" -o whole.pfm "$scene" || exit 1
-i=0 before=0 torn=0 ends=0 oldest=0 most=0
+i=0 before=0 torn=0 ends=0 oldest=0 found=0
 while [ "$i" -lt "$kills" ]; do
     resume=
     [ ! -e state ] || resume='--resume state'
@@ -83,6 +84,7 @@ while [ "$i" -lt "$kills" ]; do
         check "SIGKILL $i: a state that was there is there" test "$before" -eq 0
         continue
     fi
+    found=$((found + 1))
     "$mlt" merge -v -o part.pfm state 2>said
     check "SIGKILL $i: the state can be read" test $? -eq 0
     done=$(sed -n 's/^1 runs, \([0-9]*\) .*/\1/p' said)
@@ -91,6 +93,7 @@ while [ "$i" -lt "$kills" ]; do
     before=${done:-0}
     oldest=$(awk -v a="$oldest" -v b="${age:-0}" 'BEGIN { print (b > a ? b : a) }')
 done
+check "SIGKILL: $found of $kills left a state, so that little is tested" test $((2 * found)) -ge "$kills"
 "$often" "$@" --save state $([ ! -e state ] || echo --resume state) -o part.pfm "$scene"
 check 'SIGKILL: the last run ends well' test $? -eq 0
 check 'SIGKILL: the picture of an uninterrupted run' cmp -s part.pfm whole.pfm

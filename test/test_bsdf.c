@@ -541,20 +541,28 @@ static void test_ends(void)
     Surface s = surface_of(&black, 0);
     Scatter a;
     CHECK(!bsdf_scatter(&s, s.ng, normalize(along(s.ng, 0.3, vec3(1, 0, 0))), MODE_NONE, &a));
-    Vec3 w, sum = vec3(0, 0, 0);
+    Vec3 w;
     CHECK(!bsdf_follow(&s, s.ng, MODE_REFLECT, &w));
     Rng rng = rng_new(1, 2);
     enum { N = 100000 };
-    double square = 0;
-    for (int i = 0; i < N; i++) {
-        w = sample_cosine(s.ng, &rng);
-        sum = add(sum, scale(1.0 / N, w));
-        square += pow(dot(w, s.ng), 2) / N;
+    const double mean_allowed = DEVIATE * sqrt(1.0 / 18 / N), square_allowed = DEVIATE * sqrt(1.0 / 12 / N);
+    for (int uniform = 0; uniform < 2; uniform++) {
+        Vec3 sum = vec3(0, 0, 0);
+        double square = 0;
+        for (int i = 0; i < N; i++) {
+            w = uniform ? anywhere(&rng) : sample_cosine(s.ng, &rng);
+            if (uniform && dot(w, s.ng) < 0) w = neg(w);
+            sum = add(sum, scale(1.0 / N, w));
+            square += pow(dot(w, s.ng), 2) / N;
+        }
+        if (uniform) {                                             /* planted: uniform over the hemisphere */
+            CHECK(fabs(dot(sum, s.ng) - 2.0 / 3) > mean_allowed && fabs(square - 0.5) > square_allowed);
+            continue;
+        }
+        CHECK_NEAR(dot(sum, s.ng), 2.0 / 3, mean_allowed);         /* mean and second moment of a cosine law */
+        CHECK_NEAR(square, 0.5, square_allowed);
+        CHECK_NEAR(length(sub(sum, scale(2.0 / 3, s.ng))), 0, DEVIATE / sqrt(N));
     }
-    CHECK_NEAR(dot(sum, s.ng), 2.0 / 3, DEVIATE * sqrt(1.0 / 18 / N));     /* mean and second moment of a cosine law */
-    CHECK_NEAR(square, 0.5, DEVIATE * sqrt(1.0 / 12 / N));
-    CHECK_NEAR(length(sub(sum, scale(2.0 / 3, s.ng))), 0, DEVIATE / sqrt(N));
-    CHECK(fabs(0.5 - 2.0 / 3) > DEVIATE * sqrt(1.0 / 18 / N));            /* planted: uniform over the hemisphere */
 }
 
 int main(void)

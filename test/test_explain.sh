@@ -58,6 +58,7 @@ function trim(s) { gsub(/^ +| +$/, "", s); return s }
     next
 }
 { c = "" }
+/(^|[^a-z])nan([^a-z]|$)/ { fail("not a number") }
 /=/ {
     line = $0
     if (match(line, /[^ ]    /)) line = substr(line, 1, RSTART)    # four spaces: what follows is a remark
@@ -84,6 +85,20 @@ END { print count + 0; exit bad }
 END_AWK
 # multiplies_out AT_LEAST: and that many comparisons were made
 multiplies_out() { n=$(awk -f equations.awk stdout) && test "$n" -ge "$1"; }
+# caught SED-SCRIPT: what it changes in the file 'right' is noticed
+caught()
+{
+    sed "$1" right >stdout
+    differ right stdout && not multiplies_out 5 2>/dev/null
+}
+explain 0 --strategy lens "$root/scenes/cornell.obj"
+cp stdout right
+check "planted: right equations do not hold" multiplies_out 5
+check "planted: a result that is another" caught 's/^\( *R(y|x) = .* = \)[0-9.]*$/\11.5/'
+check "planted: a factor that is another" caught 's/^\( *R(y|x) = .* = \)[0-9.]*\( \* .*\)$/\11.5\2/'
+check "planted: C that is another" caught 's/^\( *z_0 .* \)[0-9.e-]*$/\11.5/'
+check "planted: a name that changes its value" caught 's/^  R(y|x) = .*/&\n  R(y|x) = 1.5/'
+check "planted: nan" caught 's/^\( *R(y|x) = .* = \)[0-9.]*$/\1nan/'
 
 # ---- the lecture's two examples: a from the tables and p_d, p_a, chi alone ----
 
@@ -118,6 +133,8 @@ for seed in 1 2 3; do
         check "example $example: no slides' forms" says "^EXAMPLE $example"
     done
 done
+caught_in_example() { sed "$1" stdout >planted; differ stdout planted && not awk -f example.awk planted >/dev/null; }
+check "planted: an a(y|x) that is another" caught_in_example 's/^\( *a(y|x) .* = \)[0-9.e-]*$/\10.123/'
 explain 0 --example 1 --accepted "$root/scenes/cornell.obj"
 check "example 1: not accepted" says "The chain accepted y"
 check "example 1: deletion" says "delete: s = 1, t = 2"
