@@ -14,6 +14,7 @@
 #ifndef BALANCE_H
 #define BALANCE_H
 #include "audit.h"
+#include "check.h"
 #include <string.h>
 
 enum {
@@ -268,7 +269,7 @@ static inline Balance balance_run(const Space *space, Starts starts, Subject *su
                 if (starts.kind == START_BDPT) {
                     const Candidate *c = &found->all[chosen[j]];
                     if (!bdpt_path(bdpt, space, c->n_light, c->n_lens, start) || !(start->chi > 0)) { result.bad++; continue; }
-                    result.weight_error = fmax(result.weight_error, fabs(balance_weight(space, &starts, start) / c->weight - 1));
+                    check_worse(&result.weight_error, fabs(balance_weight(space, &starts, start) / c->weight - 1));
                 }
                 bool applies = false;
                 for (int r = 0; r < me->sampler.rows; r++) applies |= me->sampler.share[r] > 0 && me->sampler.table[r].applies(space, start);

@@ -1,5 +1,5 @@
 /* CHECK and CHECK_NEAR: print file, line, expression and both values of what fails, count, and close with 'N passed, N failed'.
- * A test program ends with 'return check_report();', which is non-zero if anything failed. */
+ * A test program ends with 'return check_report();', which is non-zero if anything failed, or nothing was checked. */
 #ifndef CHECK_H
 #define CHECK_H
 #include <math.h>
@@ -27,9 +27,15 @@ static inline int check_near(double a, double b, double tolerance, const char *a
     return 0;
 }
 
+/* The largest difference met so far; a NaN stays, so that the check at the end sees it. */
+static inline void check_worse(double *worst, double d)
+{
+    if (d > *worst || isnan(d)) *worst = d;
+}
+
 static inline int check_report(void)
 {
     printf("%d passed, %d failed\n", check_passed, check_failed);
-    return check_failed != 0;
+    return check_failed != 0 || check_passed == 0;
 }
 #endif

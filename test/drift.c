@@ -9,7 +9,7 @@
 #include "check.h"
 #include "fresh.h"
 #include "mlt.h"
-#include "welch.h"
+#include "statistics.h"
 #include <stdlib.h>
 
 enum { BLOCK = 100000, TILES = 4, ALL = TILES * TILES, MAX_DEPTH = 16, GROUPS = 50 };
@@ -88,10 +88,9 @@ int main(int argc, char **argv)
     int longest = 0;
     for (uint64_t block = 0; block < blocks; block++) {
         chain_run(&space, &sampler, x, y, BLOCK, &rng, record, &light, &count);
-        double difference = fresh_difference(&space, x, fresh);
-        if (!(difference <= worst)) worst = difference;
+        check_worse(&worst, fresh_difference(&space, x, fresh));
         if (x->k > longest) longest = x->k;
-        weights = fmax(weights, fabs(light.now[ALL] / BLOCK - 1));
+        check_worse(&weights, fabs(light.now[ALL] / BLOCK - 1));
         close_block(&light, &chain, BLOCK);
     }
 

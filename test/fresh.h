@@ -1,19 +1,15 @@
 /* Whether what a path has cached is what path_evaluate makes of its points and modes. */
 #ifndef FRESH_H
 #define FRESH_H
+#include "check.h"
 #include "mutate.h"
 
 static inline void fresh_worse(double *worst, double a, double b)
 {
-    double d = a == b ? 0 : fabs(a - b) / fmax(fabs(a), fabs(b));
-    if (!(d <= *worst)) *worst = d;                /* a NaN stays */
+    check_worse(worst, a == b ? 0 : fabs(a - b) / fmax(fabs(a), fabs(b)));
 }
 
-static inline void fresh_apart(double *worst, Vec3 a, Vec3 b)
-{
-    double d = length(sub(a, b));
-    if (!(d <= *worst)) *worst = d;
-}
+static inline void fresh_apart(double *worst, Vec3 a, Vec3 b) { check_worse(worst, length(sub(a, b))); }
 
 /* The largest relative difference of any cached number of x from the same made anew in 'work'; infinite if x is not a path any more. */
 static inline double fresh_difference(const Space *space, const Path *x, Path *work)

@@ -3,17 +3,9 @@
  *     ./a.out -max_len=4096 corpus-to-grow test/corpus/obj
  * Without FUZZ_LIBFUZZER a program that runs the files given to it. */
 #include "../obj.h"
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
+#include "folder.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t n);
-
-static void write_file(const char *path, const uint8_t *data, size_t n)
-{
-    FILE *f = fopen(path, "wb");
-    if (!f || fwrite(data, 1, n, f) != n || fclose(f) != 0) abort();
-}
 
 /* What the rest of the program relies on. */
 static void check_mesh(const Mesh *m)
@@ -44,47 +36,32 @@ static void check_mesh(const Mesh *m)
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t n)
 {
-    static char folder[256], obj[300], mtl[300], cam[300];
     if (n == 0) return 0;
-    if (!folder[0]) {
-        const char *temporary = getenv("TMPDIR");
-        snprintf(folder, sizeof folder, "%.200s/fuzz_obj.XXXXXX", temporary && temporary[0] ? temporary : "/tmp");
-        if (!mkdtemp(folder)) abort();
-        snprintf(obj, sizeof obj, "%s/a.obj", folder);
-        snprintf(mtl, sizeof mtl, "%s/a.mtl", folder);
-        snprintf(cam, sizeof cam, "%s/a.cam", folder);
-    }
     static const char use[] = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\nusemtl b\nf 1 2 3\n";
     Report report = { 0 };
     Mesh mesh;
     CameraSettings camera = { 0 };
     switch (data[0] % 3) {
     case 0:
-        write_file(obj, data + 1, n - 1);
-        if (obj_read(&mesh, obj, &report)) check_mesh(&mesh);
+        folder_write("a.obj", data + 1, n - 1);
+        if (obj_read(&mesh, folder_path("a.obj"), &report)) check_mesh(&mesh);
         else if (!report.error[0]) abort();
         mesh_free(&mesh);
         break;
     case 1:
-        write_file(obj, (const uint8_t *)use, sizeof use - 1);
-        write_file(mtl, data + 1, n - 1);
-        if (!obj_read(&mesh, obj, &report)) abort();
+        folder_write_text("a.obj", use);
+        folder_write("a.mtl", data + 1, n - 1);
+        if (!obj_read(&mesh, folder_path("a.obj"), &report)) abort();
         check_mesh(&mesh);
         mesh_free(&mesh);
-        remove(mtl);
         break;
     default:
-        write_file(cam, data + 1, n - 1);
-        if (!cam_read(&camera, cam, &report) && !report.error[0]) abort();
+        folder_write("a.cam", data + 1, n - 1);
+        if (!cam_read(&camera, folder_path("a.cam"), &report) && !report.error[0]) abort();
         if (camera.has_fov && !(camera.fov > 0 && camera.fov < 180)) abort();
         if (camera.has_size && (camera.width == 0 || camera.height == 0)) abort();
-        remove(cam);
     }
-    remove(obj);
-#ifndef FUZZ_LIBFUZZER
-    rmdir(folder);                     /* with libFuzzer it stays for the next input */
-    folder[0] = 0;
-#endif
+    folder_entries(folder(), true);    /* the next input finds nothing of this one */
     return 0;
 }
 

@@ -8,24 +8,14 @@
 # KILLS (50) of either kind, some four minutes; then REPEATS (6) times a merge of eight runs of SECONDS (1) against one run of eight times as long, two
 # minutes. The last line is 'N passed, N failed'; the merge is reported, not judged.
 
-absolute() { case $1 in /*) echo "$1" ;; *) echo "$PWD/$1" ;; esac; }
+. "$(dirname "$0")/check.sh"
 mlt=$(absolute "$1")
 often=$(absolute "$2")
 kills=${3:-50}
 repeats=${4:-6}
 seconds=${5:-1}
 scene=$PWD/scenes/cornell.obj
-folder=$(mktemp -d) || exit 1
-trap 'rm -rf "$folder"' EXIT
-trap 'exit 1' HUP INT TERM
 cd "$folder" || exit 1
-passed=0 failed=0
-check()
-{
-    what=$1
-    shift
-    if "$@"; then passed=$((passed + 1)); else failed=$((failed + 1)); echo "failed: $what"; fi
-}
 
 # moment NUMBER SECONDS: a random share of the seconds, the same for the same number
 moment() { awk -v n="$1" -v t="$2" 'BEGIN { srand(n); rand(); printf "%.3f", t * rand() }'; }
@@ -59,6 +49,7 @@ while [ "$i" -lt "$kills" ]; do
     check "SIGTERM $i: and its error: $(way $w)" cmp -s part.error.pfm whole$w.error.pfm
     i=$((i + 1))
 done
+check "SIGTERM: $early of $kills before the run had begun, so that little is tested" test $((2 * early)) -le "$kills"
 check 'SIGTERM: no temporary files' test -z "$(find . -name '*.tmp*')"
 echo "SIGTERM at $kills moments: $early before the run had begun, $late after its end, all others went on to the same files"
 
@@ -67,7 +58,7 @@ echo "SIGTERM at $kills moments: $early before the run had begun, $late after it
 rm -f state
 set -- -q -s 256x256 -n 40 --bootstrap 20000
 "$mlt" "$@" -o whole.pfm "$scene" || exit 1
-i=0 before=0 torn=0 ends=0 oldest=0 most=0
+i=0 before=0 torn=0 ends=0 oldest=0 found=0
 while [ "$i" -lt "$kills" ]; do
     resume=
     [ ! -e state ] || resume='--resume state'
@@ -93,6 +84,7 @@ while [ "$i" -lt "$kills" ]; do
         check "SIGKILL $i: a state that was there is there" test "$before" -eq 0
         continue
     fi
+    found=$((found + 1))
     "$mlt" merge -v -o part.pfm state 2>said
     check "SIGKILL $i: the state can be read" test $? -eq 0
     done=$(sed -n 's/^1 runs, \([0-9]*\) .*/\1/p' said)
@@ -101,6 +93,7 @@ while [ "$i" -lt "$kills" ]; do
     before=${done:-0}
     oldest=$(awk -v a="$oldest" -v b="${age:-0}" 'BEGIN { print (b > a ? b : a) }')
 done
+check "SIGKILL: $found of $kills left a state, so that little is tested" test $((2 * found)) -ge "$kills"
 "$often" "$@" --save state $([ ! -e state ] || echo --resume state) -o part.pfm "$scene"
 check 'SIGKILL: the last run ends well' test $? -eq 0
 check 'SIGKILL: the picture of an uninterrupted run' cmp -s part.pfm whole.pfm
@@ -128,5 +121,4 @@ if [ "$repeats" -gt 0 ]; then
                 t, a / n, sqrt(va), 8 * t, b / n, sqrt(vb), (va + vb > 0 ? (a - b) / n / sqrt(va + vb) : 0)
         }'
 fi
-echo "$passed passed, $failed failed"
-[ "$failed" -eq 0 ]
+report

@@ -93,7 +93,7 @@ static Result measure(double size, Acceptance rule)
     }
     r.plain_error = sqrt(plain_square / (RUNS * BINS)) / average;
     r.expected_error = sqrt(expected_square / (RUNS * BINS)) / average;
-    for (int k = 0; k < BINS; k++) r.worst_z = fmax(r.worst_z, fabs(mean[k]) / sqrt((square[k] - mean[k] * mean[k]) / (RUNS - 1)));
+    for (int k = 0; k < BINS; k++) check_worse(&r.worst_z, fabs(mean[k]) / sqrt((square[k] - mean[k] * mean[k]) / (RUNS - 1)));
     return r;
 }
 

@@ -45,6 +45,8 @@ typedef struct {
 } RefScatter;
 
 static inline Real ref_abs(Real a) { return a < 0 ? -a : a; }
+/* Relative difference; 0 where both are infinite, as R is for a move without a way back; NaN if either is one. */
+static inline double relative(Real a, Real b) { return a == b ? 0 : (double)(ref_abs(a - b) / fmaxl(ref_abs(a), ref_abs(b))); }
 static inline Real ref_dot(Vec3 a, Vec3 b) { return (Real)a.x * b.x + (Real)a.y * b.y + (Real)a.z * b.z; }
 
 /* Fresnel's amplitudes, n1 -> n2, cos1 > 0; the reflectance of unpolarised light */

@@ -7,12 +7,11 @@
  * Every row runs in a process of its own, so that one that crashes or hangs is one failure.
  */
 #include "check.h"
+#include "folder.h"
 #include "render.h"
+#include "statistics.h"
 #include "stress_scenes.h"
-#include "welch.h"
-#include <stdlib.h>
 #include <sys/wait.h>
-#include <unistd.h>
 
 /* ---- the table of rows ---- */
 
@@ -162,11 +161,7 @@ static void render_group(Group *g, const Scene *scene, const Row *row, int estim
 
 static void moments(const Group *g, int v, double *mean, double *variance)
 {
-    double sum = 0, squares = 0;
-    for (int i = 0; i < RUNS; i++) sum += g->value[i][v];
-    *mean = sum / RUNS;
-    for (int i = 0; i < RUNS; i++) squares += (g->value[i][v] - *mean) * (g->value[i][v] - *mean);
-    *variance = squares / (RUNS - 1) / RUNS;                              /* of the mean */
+    mean_and_variance(&g->value[0][v], VALUES, RUNS, mean, variance);
 }
 
 static double mean_luminance(const Group *g)
@@ -221,12 +216,13 @@ static void plant(Group group[ESTIMATORS], Planted fault)
 static bool run_row(const Row *row, const Scene *scene, double factor, double start)
 {
     static Group group[ESTIMATORS];
-    bool good = true;
+    bool good = true, sound = true;                /* sound: what no planted fault excuses */
     double error = NAN, z_bdpt = 0, z_mlt = 0, mean[ESTIMATORS];
     uint64_t bad = 0;
     for (int e = 0; e < ESTIMATORS; e++) {
         render_group(&group[e], scene, row, e, factor);
-        good &= group[e].ok && group[e].finite && group[e].bad == 0;
+        good &= group[e].finite;
+        sound &= group[e].ok && group[e].bad == 0 && (group[e].finite || row->fault == FAULT_INFINITE);
         bad += group[e].bad;
         error = fmax(error, group[e].error);
     }
@@ -244,7 +240,7 @@ static bool run_row(const Row *row, const Scene *scene, double factor, double st
     char path_bdpt[16] = "-", path_mlt[16] = "-", bdpt_mlt[16] = "-";
     snprintf(row->kind == WITHOUT_PATH ? bdpt_mlt : path_bdpt, 16, "%.1f", z_bdpt);
     if (row->kind != WITHOUT_PATH) snprintf(path_mlt, 16, "%.1f", z_mlt);
-    if (row->fault != NO_FAULT) good = !good;
+    good = sound && good == (row->fault == NO_FAULT);
     printf("%-38s %8u %10.4g %10.4g %10.4g %9s %9s %9s %6.1f%% %7.2g %4llu %6.1f %s\n", row->name, (unsigned)scene->mesh.n_triangles, mean[PATH], mean[BDPT], mean[MLT],
            path_bdpt, path_mlt, bdpt_mlt, 100 * found, error, (unsigned long long)bad, clock_now() - start,
            good ? row->fault != NO_FAULT ? "caught" : "passed" : row->fault != NO_FAULT ? "NOT CAUGHT" : "FAILED");
@@ -255,18 +251,22 @@ static bool run_row(const Row *row, const Scene *scene, double factor, double st
 
 enum { LONGEST_ROW = 300 };                        /* seconds */
 
-static void file_name(char out[512], const char *folder, int row, const char *ending) { snprintf(out, 512, "%s/row%d.%s", folder, row, ending); }
+static const char *row_file(int row, const char *ending)
+{
+    char name[32];
+    snprintf(name, sizeof name, "row%d.%s", row, ending);
+    return folder_path(name);
+}
 
 static const char *const ending[4] = { "obj", "mtl", "cam", "ppm" };
 
-static bool write_scene(const Row *row, const char *folder, int number)
+static bool write_scene(const Row *row, int number)
 {
-    char path[512], name[16];
+    char name[16];
     FILE *file[4];
     bool good = true;
     for (int i = 0; i < 4; i++) {
-        file_name(path, folder, number, ending[i]);
-        file[i] = fopen(path, "wb");
+        file[i] = fopen(row_file(number, ending[i]), "wb");
         good &= file[i] != NULL;
     }
     snprintf(name, sizeof name, "row%d", number);
@@ -280,27 +280,21 @@ static bool write_scene(const Row *row, const char *folder, int number)
     return good;
 }
 
-static void remove_scene(const char *folder, int number)
+static void remove_scene(int number)
 {
-    char path[512];
-    for (int i = 0; i < 4; i++) {
-        file_name(path, folder, number, ending[i]);
-        unlink(path);
-    }
+    for (int i = 0; i < 4; i++) unlink(row_file(number, ending[i]));
 }
 
 /* What a child does: its exit code. Loading and building count as its seconds. */
-static int do_row(int number, const char *folder, double factor)
+static int do_row(int number, double factor)
 {
     const Row *row = &rows[number];
     double start = clock_now();
-    char path[512];
     Scene scene;
     Report report = { .warnings = NULL };
     CameraSettings camera = { .has_size = true, .width = row->width ? row->width : 24, .height = row->height ? row->height : 24 };
-    file_name(path, folder, number, "obj");
     alarm((unsigned)ceil(LONGEST_ROW * fmax(1, factor)));
-    if (!write_scene(row, folder, number) || !scene_load(&scene, path, &camera, BVH_FAST, &report)) {
+    if (!write_scene(row, number) || !scene_load(&scene, row_file(number, "obj"), &camera, BVH_FAST, &report)) {
         printf("%-38s cannot be loaded: %s\n", row->name, report.error);
         return 1;
     }
@@ -312,7 +306,7 @@ static int do_row(int number, const char *folder, double factor)
 typedef struct { pid_t process; int row; } Lane;
 
 /* Waits for any child and counts it; false if there is none. */
-static bool finish_one(Lane *lane, int lanes, const char *folder)
+static bool finish_one(Lane *lane, int lanes)
 {
     int status;
     pid_t process = wait(&status);
@@ -321,7 +315,7 @@ static bool finish_one(Lane *lane, int lanes, const char *folder)
         if (lane[i].process != process) continue;
         if (WIFSIGNALED(status)) printf("%-38s ended by signal %d: FAILED\n", rows[lane[i].row].name, WTERMSIG(status));
         check_count(WIFEXITED(status) && WEXITSTATUS(status) == 0);
-        remove_scene(folder, lane[i].row);
+        remove_scene(lane[i].row);
         lane[i].process = 0;
     }
     return true;
@@ -332,13 +326,11 @@ int main(int argc, char **argv)
     enum { MOST_LANES = 16 };
     Lane lane[MOST_LANES] = { { 0, 0 } };
     int lanes = argc > 1 ? atoi(argv[1]) : 2;
-    const char *part = argc > 2 ? argv[2] : "", *temporary = getenv("TMPDIR");
-    char folder[256];
+    const char *part = argc > 2 ? argv[2] : "";
     double factor = argc > 3 ? atof(argv[3]) : 1, start = clock_now();
     if (!(factor > 0)) factor = 1;
     if (lanes < 1 || lanes > MOST_LANES) lanes = 1;
-    snprintf(folder, sizeof folder, "%s/stress-XXXXXX", temporary && strlen(temporary) < 200 ? temporary : "/tmp");
-    if (!mkdtemp(folder)) { perror(folder); return 1; }
+    folder();                                      /* made before the children are: one for all */
     printf("mean luminance of each estimator; largest |t| over tiles and colours of each pair that is compared; difference of path and\n"
            "mlt (bdpt and mlt) as a whole that would be found; estimated relative error; bad samples; seconds\n"
            "%-38s %8s %10s %10s %10s %9s %9s %9s %7s %7s %4s %6s\n", "", "triangles", "path", "bdpt", "mlt", "path/bdpt", "path/mlt", "bdpt/mlt", "found", "error", "bad", "s");
@@ -347,22 +339,21 @@ int main(int argc, char **argv)
         int free_lane = 0;
         while (free_lane < lanes && lane[free_lane].process) free_lane++;
         if (free_lane == lanes) {
-            finish_one(lane, lanes, folder);
+            finish_one(lane, lanes);
             i--;
             continue;
         }
         fflush(stdout);
         pid_t process = fork();
         if (process == 0) {
-            int code = do_row(i, folder, factor);
+            int code = do_row(i, factor);
             fflush(stdout);
             _exit(code);
         }
         if (process < 0) { perror("fork"); check_count(0); break; }
         lane[free_lane] = (Lane){ process, i };
     }
-    while (finish_one(lane, lanes, folder)) {}
-    rmdir(folder);
+    while (finish_one(lane, lanes)) {}
     printf("%.0f s\n", clock_now() - start);
     return check_report();
 }

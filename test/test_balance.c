@@ -6,8 +6,8 @@
  */
 #include "balance.h"
 #include "check.h"
+#include "folder.h"
 #include "test_faults.h"
-#include <unistd.h>
 
 /* A false alarm of the whole program once in a million: |z| beyond 6.6 in any of some ten thousand comparisons. */
 enum { COMPARISONS = 25000 };
@@ -35,26 +35,12 @@ static const char tank_obj[] =
 static const char tank_mtl[] = "newmtl wall\nKd 0.6 0.6 0.6\nnewmtl water\nillum 4\nNi 1.5\nnewmtl light\nKd 0 0 0\nKe 5 5 5\n";
 static const char tank_cam[] = "eye 0.3 -0.6 0.8\nlook -0.2 -0.1 -0.8\nfov 90\nsize 32 32\n";
 
-static bool write_text(const char *folder, const char *name, const char *text, char path[256])
-{
-    snprintf(path, 256, "%s/%s", folder, name);
-    FILE *file = fopen(path, "w");
-    if (!file) return false;
-    bool ok = fputs(text, file) >= 0;
-    return fclose(file) == 0 && ok;
-}
-
 static bool load_tank(Scene *scene, const CameraSettings *camera, Report *report)
 {
-    char folder[] = "/tmp/mlt-test-XXXXXX", obj[256], mtl[256], cam[256];
-    if (!mkdtemp(folder)) return false;
-    bool ok = write_text(folder, "tank.obj", tank_obj, obj) && write_text(folder, "tank.mtl", tank_mtl, mtl) && write_text(folder, "tank.cam", tank_cam, cam);
-    ok = ok && scene_load(scene, obj, camera, BVH_FAST, report);
-    unlink(obj);
-    unlink(mtl);
-    unlink(cam);
-    rmdir(folder);
-    return ok;
+    folder_write_text("tank.obj", tank_obj);
+    folder_write_text("tank.mtl", tank_mtl);
+    folder_write_text("tank.cam", tank_cam);
+    return scene_load(scene, folder_path("tank.obj"), camera, BVH_FAST, report);
 }
 
 /* film: pixels each way, 0 for the scene's own; only the scan order minds */
@@ -342,7 +328,7 @@ static double bootstrap_z(const Space *space, uint64_t repetitions, uint64_t n, 
     }
     for (int k = 0; k < QUARTERS; k++) {
         double m = sum[k] / (double)repetitions, v = (square[k] / (double)repetitions - m * m) / (double)repetitions;
-        if (mean[k] > 0) worst = fmax(worst, fabs(m - mean[k]) / sqrt(v + variance[k]));
+        if (mean[k] > 0) check_worse(&worst, fabs(m - mean[k]) / sqrt(v + variance[k]));
     }
     CHECK(count.bad == 0);
     bdpt_free(bdpt);

@@ -4,16 +4,11 @@
  * the Jacobian of the specular ones. Each statistical test is shown a fault that it must see. Fixed seeds, nothing is tried twice. */
 #include "check.h"
 #include "reference.h"
+#include "statistics.h"
 #include <stdlib.h>
 
 /* |deviate| of a single comparison: two-sided 2e-9; with some 400 comparisons a false alarm has a chance below 1e-6. */
 static const double DEVIATE = 6;
-
-static double relative(Real a, Real b)
-{
-    Real size = fmaxl(ref_abs(a), ref_abs(b));
-    return size > 0 ? (double)(ref_abs(a - b) / size) : (a == b ? 0 : NAN);
-}
 
 static Vec3 polar(double theta, double phi) { return vec3(sin(theta) * cos(phi), sin(theta) * sin(phi), cos(theta)); }
 
@@ -149,8 +144,7 @@ static double compare_samples(const Surface *s, Vec3 known, Sample *sample, Dens
         o = e = 0;
     }
     if (df < 1) return chi2 < 1 ? 0 : INFINITY;                     /* everything in one bin */
-    double v = 2 / (9.0 * df);
-    return (cbrt(chi2 / df) - 1 + v) / sqrt(v);
+    return chi_square_deviate(chi2, df);
 }
 
 static const Material diffuse[] = {
@@ -259,7 +253,7 @@ static void test_lobes(void)
                     double flat = fabs(dot(w, s.ns)) / PI, lobe = cosine > 0 ? (n + 1) / (2 * PI) * pow(cosine, n) : 0;
                     if (!(fabs(flat - lobe) > 1e-2 * (flat + lobe))) continue;
                     if (isnan(P)) P = (p_w - lobe) / (flat - lobe);
-                    worst = fmax(worst, fabs(p_w - (P * flat + (1 - P) * lobe)) / (flat + lobe));
+                    check_worse(&worst, fabs(p_w - (P * flat + (1 - P) * lobe)) / (flat + lobe));
                 }
                 CHECK(P >= -1e-9 && P <= 1 + 1e-9);
                 if (max3(s.material->ks) == 0) CHECK_NEAR(P, 1, 1e-9);
@@ -289,15 +283,15 @@ static void test_scatter(void)
                 CHECK(r.passes && a.q == 1);
                 CHECK(!bsdf_scatter(&s, wl, we, MODE_REFLECT, &b) && !bsdf_scatter(&s, wl, we, MODE_REFRACT, &b));
                 double d = relative(r.F, 1 / a.inv_F);
-                d = fmax(d, relative(r.p_lens / r.F, a.inv_S_lens));
-                d = fmax(d, relative(r.p_light / r.F, a.inv_S_light));
+                check_worse(&d, relative(r.p_lens / r.F, a.inv_S_lens));
+                check_worse(&d, relative(r.p_light / r.F, a.inv_S_light));
                 double colour[3] = { a.colour.x, a.colour.y, a.colour.z };
-                for (int c = 0; c < 3; c++) d = fmax(d, (double)ref_abs(r.f[c] / r.F - colour[c]));
-                worst = fmax(worst, d / (1 + 1e-3 * s.material->ns));   /* cos^n magnifies rounding n-fold */
+                for (int c = 0; c < 3; c++) check_worse(&d, (double)ref_abs(r.f[c] / r.F - colour[c]));
+                check_worse(&worst, d / (1 + 1e-3 * s.material->ns));   /* cos^n magnifies rounding n-fold */
                 /* f_s(L,E) = f_s(E,L); F differs by |w.n_s|/|w.n_g| of its own light side */
                 bsdf_scatter(&s, we, wl, MODE_NONE, &b);
                 double normals = fabs(dot(wl, s.ns) * dot(we, s.ng) / (dot(wl, s.ng) * dot(we, s.ns)));
-                worst_reciprocal = fmax(worst_reciprocal, relative(b.inv_F / a.inv_F, normals) / (1 + 1e-3 * s.material->ns));
+                check_worse(&worst_reciprocal, relative(b.inv_F / a.inv_F, normals) / (1 + 1e-3 * s.material->ns));
                 if (t > 0) planted = fmax(planted, relative(b.inv_F / a.inv_F, 1));
                 if (t == 0) CHECK(relative(a.inv_S_lens, b.inv_S_light) < 1e-9 * (1 + s.material->ns));   /* roles exchanged */
             }
@@ -338,7 +332,7 @@ static void test_energy(void)
                     most = fmax(most, a.albedo[c] - limit[c]);
                     /* n+2 over n+1 at a lobe that the cosine does not weaken: a modified Phong lobe reflects ks at most, at normal incidence */
                     CHECK(a.albedo[c] <= limit[c] + 5e-4);
-                    if (m == 0 && t == 0) lambert = fmax(lambert, fabs(a.albedo[c] - limit[c]));
+                    if (m == 0 && t == 0) check_worse(&lambert, fabs(a.albedo[c] - limit[c]));
                 }
                 CHECK(bsdf_albedo(&s) >= fmax(a.albedo[0], fmax(a.albedo[1], a.albedo[2])) - 5e-4 && bsdf_albedo(&s) <= 1);
                 enum { N = 40000 };
@@ -387,11 +381,11 @@ static void test_fresnel(void)
                 continue;
             }
             double tt = asin(st), rs = sin(ti - tt) / sin(ti + tt), rp = tan(ti - tt) / tan(ti + tt);
-            if (fabs(n - 1) > 1e-3) worst = fmax(worst, fabs(R - (rs * rs + rp * rp) / 2));
-            worst = fmax(worst, fabs(cos_t - cos(tt)) * cos(tt));
+            if (fabs(n - 1) > 1e-3) check_worse(&worst, fabs(R - (rs * rs + rp * rp) / 2));
+            check_worse(&worst, fabs(cos_t - cos(tt)) * cos(tt));
             /* Stokes: the same from the other side */
             double back;
-            worst = fmax(worst, fabs(bsdf_fresnel(cos_t, 1 / n, &back) - R));
+            check_worse(&worst, fabs(bsdf_fresnel(cos_t, 1 / n, &back) - R));
         }
     }
     CHECK(bsdf_fresnel(0.5, 1, &cos_t) == 0);
@@ -445,11 +439,11 @@ static void test_specular(void)
                     if (fabs(eg) < 1e-3 || fabs(es) < 1e-3) continue;
                     if (!CHECK(ok)) continue;
                     followed++;
-                    law = fmax(law, length(sub(w, expect)));
+                    check_worse(&law, length(sub(w, expect)));
                     /* Snell: n sin the same on both sides, in one plane */
-                    if (mode == MODE_REFRACT) law = fmax(law, length(add(scale(n_known, cross(s.ns, known)), scale(n_beyond, cross(s.ns, w)))));
+                    if (mode == MODE_REFRACT) check_worse(&law, length(add(scale(n_known, cross(s.ns, known)), scale(n_beyond, cross(s.ns, w)))));
                     Vec3 back;
-                    if (CHECK(bsdf_follow(&s, w, mode, &back))) back_error = fmax(back_error, length(sub(back, known)) * fabs(ks));
+                    if (CHECK(bsdf_follow(&s, w, mode, &back))) check_worse(&back_error, length(sub(back, known)) * fabs(ks));
                     /* known as the light side, then as the lens side */
                     for (int side = 0; side < 2; side++) {
                         Vec3 wl = side ? w : known, we = side ? known : w;
@@ -459,15 +453,15 @@ static void test_specular(void)
                         if (r.F < 1e-12L) continue;                 /* equal indices do not reflect */
                         if (!CHECK(passes && r.passes)) continue;
                         CHECK(a.inv_F == 0);                        /* cannot be joined */
-                        ratio = fmax(ratio, relative(r.p_lens * r.q / r.F, a.inv_S_lens));
-                        ratio = fmax(ratio, relative(r.p_light * r.q / r.F, a.inv_S_light));
-                        ratio = fmax(ratio, relative(r.q, a.q));
+                        check_worse(&ratio, relative(r.p_lens * r.q / r.F, a.inv_S_lens));
+                        check_worse(&ratio, relative(r.p_light * r.q / r.F, a.inv_S_light));
+                        check_worse(&ratio, relative(r.q, a.q));
                         double colour[3] = { a.colour.x, a.colour.y, a.colour.z };
-                        for (int c = 0; c < 3; c++) ratio = fmax(ratio, (double)ref_abs(r.f[c] / r.F - colour[c]));
+                        for (int c = 0; c < 3; c++) check_worse(&ratio, (double)ref_abs(r.f[c] / r.F - colour[c]));
                         no_eta = fmax(no_eta, relative(e.p_light * e.q / e.F, a.inv_S_light));
                         if (t > 0) no_normals = fmax(no_normals, relative(n.p_lens * n.q / n.F, a.inv_S_lens));
                         /* 1/S of a copied mode has q = 1 */
-                        copied = fmax(copied, relative(r.p_lens / r.F, a.inv_S_lens / a.q));
+                        check_worse(&copied, relative(r.p_lens / r.F, a.inv_S_lens / a.q));
                         CHECK(!bsdf_scatter(&s, wl, we, mode == MODE_REFLECT ? MODE_REFRACT : MODE_REFLECT, &b));
                         CHECK(!bsdf_scatter(&s, wl, we, MODE_NONE, &b));
                         if (t == 0 && s.material->kind == MATERIAL_GLASS)   /* n_s = n_g: S> = rho/q, the tint under a Fresnel choice */
@@ -530,7 +524,7 @@ static void test_jacobian(void)
                 if (!ok) continue;
                 double beam = length(cross(sub(p[0], p[1]), sub(p[2], p[3]))) / (4 * h * h);    /* dw_E/dw_L */
                 double expected = fabs(dot(wl, s.ng) / dot(we, s.ng)) / beam, got = x.inv_S_lens / x.inv_S_light;
-                worst = fmax(worst, relative(expected, got));
+                check_worse(&worst, relative(expected, got));
                 planted = fmax(planted, relative(1 / beam, got));                                /* the normals' cosines left out */
                 compared++;
             }
@@ -547,20 +541,28 @@ static void test_ends(void)
     Surface s = surface_of(&black, 0);
     Scatter a;
     CHECK(!bsdf_scatter(&s, s.ng, normalize(along(s.ng, 0.3, vec3(1, 0, 0))), MODE_NONE, &a));
-    Vec3 w, sum = vec3(0, 0, 0);
+    Vec3 w;
     CHECK(!bsdf_follow(&s, s.ng, MODE_REFLECT, &w));
     Rng rng = rng_new(1, 2);
     enum { N = 100000 };
-    double square = 0;
-    for (int i = 0; i < N; i++) {
-        w = sample_cosine(s.ng, &rng);
-        sum = add(sum, scale(1.0 / N, w));
-        square += pow(dot(w, s.ng), 2) / N;
+    const double mean_allowed = DEVIATE * sqrt(1.0 / 18 / N), square_allowed = DEVIATE * sqrt(1.0 / 12 / N);
+    for (int uniform = 0; uniform < 2; uniform++) {
+        Vec3 sum = vec3(0, 0, 0);
+        double square = 0;
+        for (int i = 0; i < N; i++) {
+            w = uniform ? anywhere(&rng) : sample_cosine(s.ng, &rng);
+            if (uniform && dot(w, s.ng) < 0) w = neg(w);
+            sum = add(sum, scale(1.0 / N, w));
+            square += pow(dot(w, s.ng), 2) / N;
+        }
+        if (uniform) {                                             /* planted: uniform over the hemisphere */
+            CHECK(fabs(dot(sum, s.ng) - 2.0 / 3) > mean_allowed && fabs(square - 0.5) > square_allowed);
+            continue;
+        }
+        CHECK_NEAR(dot(sum, s.ng), 2.0 / 3, mean_allowed);         /* mean and second moment of a cosine law */
+        CHECK_NEAR(square, 0.5, square_allowed);
+        CHECK_NEAR(length(sub(sum, scale(2.0 / 3, s.ng))), 0, DEVIATE / sqrt(N));
     }
-    CHECK_NEAR(dot(sum, s.ng), 2.0 / 3, DEVIATE * sqrt(1.0 / 18 / N));     /* mean and second moment of a cosine law */
-    CHECK_NEAR(square, 0.5, DEVIATE * sqrt(1.0 / 12 / N));
-    CHECK_NEAR(length(sub(sum, scale(2.0 / 3, s.ng))), 0, DEVIATE / sqrt(N));
-    CHECK(fabs(0.5 - 2.0 / 3) > DEVIATE * sqrt(1.0 / 18 / N));            /* planted: uniform over the hemisphere */
 }
 
 int main(void)

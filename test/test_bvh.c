@@ -232,6 +232,7 @@ static bool plausible(const Soup *s, const Ray *ray, bool found, const Hit *hit)
     double speed = length(ray->direction), t_max = ray->t_max * speed, nearest = t_max;
     Vec3 w = scale(1 / speed, ray->direction);
     if (found) {
+        if (!isfinite(hit->t) || !isfinite(hit->u) || !isfinite(hit->v)) return false;
         if (hit->triangle >= s->n || hit->triangle == ray->skip[0] || hit->triangle == ray->skip[1]) return false;
         Pass pass = pass_triangle(s, hit->triangle, ray->origin, w);
         double t = hit->t * speed;

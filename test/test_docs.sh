@@ -4,13 +4,10 @@
 # Then a small document with one fault planted at a time, each of which must be caught.
 #
 #     test/test_docs.sh ./mlt          run from the project's root
+. "$(dirname "$0")/check.sh"
 mlt=$1
-passed=0
-failed=0
-tmp=$(mktemp -d) || exit 1
-trap 'rm -rf "$tmp"' EXIT
 
-"$mlt" --help >"$tmp/help" 2>/dev/null || { echo "test_docs: cannot run '$mlt --help'"; echo "0 passed, 1 failed"; exit 1; }
+"$mlt" --help >"$folder/help" 2>/dev/null || { echo "test_docs: cannot run '$mlt --help'"; echo "0 passed, 1 failed"; exit 1; }
 
 good() { passed=$((passed + 1)); }
 bad() { failed=$((failed + 1)); echo "$doc: $1"; }
@@ -39,7 +36,7 @@ anchors() {
 names() { grep -Eq "(^|[^A-Za-z0-9_])$1([^A-Za-z0-9_]|\$)" "$2"; }
 
 check_links() {
-    links "$1" >"$tmp/links"
+    links "$1" >"$folder/links"
     while IFS='	' read -r text target; do
         file=${target%%#*} anchor=
         case $target in
@@ -58,25 +55,25 @@ check_links() {
             case $file in *.c|*.h|*.sh) names "$name" "$path" || { bad "no '$name' in '$file'"; continue; } ;; esac ;;
         esac
         good
-    done <"$tmp/links"
+    done <"$folder/links"
 }
 
 check_options() {
     awk '{ while (match($0, /(^|[^-A-Za-z0-9])--[a-z][a-z0-9-]*/)) { word = substr($0, RSTART, RLENGTH); sub(/^[^-]/, "", word); print word; $0 = substr($0, RSTART + RLENGTH) } }' "$1" |
-        sort -u >"$tmp/options"
+        sort -u >"$folder/options"
     while read -r option; do
-        if grep -Eq "(^|[^-A-Za-z0-9])$option([^-A-Za-z0-9]|\$)" "$tmp/help"; then good; else bad "mlt has no option $option"; fi
-    done <"$tmp/options"
+        if grep -Eq "(^|[^-A-Za-z0-9])$option([^-A-Za-z0-9]|\$)" "$folder/help"; then good; else bad "mlt has no option $option"; fi
+    done <"$folder/options"
 }
 
 # NAME.obj, OUT.c and the like stand for any name
 check_files() {
-    code "$1" | tr -s " \"'=,;()" '\n' | grep -E '^[A-Za-z0-9_./-]+\.(c|h|sh|md|obj|mtl|cam|svg)$' | grep -Ev '(^|/)[A-Z]+\.[a-z]+$' | sort -u >"$tmp/files"
+    code "$1" | tr -s " \"'=,;()" '\n' | grep -E '^[A-Za-z0-9_./-]+\.(c|h|sh|md|obj|mtl|cam|svg)$' | grep -Ev '(^|/)[A-Z]+\.[a-z]+$' | sort -u >"$folder/files"
     while read -r file; do
         found=
-        for folder in "$(dirname "$1")" "$root" "$root/test" "$root/scenes"; do [ ! -e "$folder/$file" ] || found=yes; done
+        for place in "$(dirname "$1")" "$root" "$root/test" "$root/scenes"; do [ ! -e "$place/$file" ] || found=yes; done
         if [ -n "$found" ]; then good; else bad "no file '$file'"; fi
-    done <"$tmp/files"
+    done <"$folder/files"
 }
 
 check_targets() {
@@ -87,25 +84,25 @@ check_targets() {
             else if (make && $i !~ /=/ && $i ~ /^[A-Za-z0-9_.\/-]+$/ && $i !~ /^-/) print $i
             if ($i == "make") make = 1
         }
-        make = 0 }' | sort -u >"$tmp/targets"
+        make = 0 }' | sort -u >"$folder/targets"
     while read -r target; do
         case $target in
         build/*/*) [ -e "$root/test/$(basename "$target").c" ] && { good; continue; } ;;
         *) grep -Eq "^([A-Za-z0-9_.-]+ )*$target( [A-Za-z0-9_.-]+)* *:([^=]|\$)" "$root/Makefile" && { good; continue; } ;;
         esac
         bad "no 'make $target'"
-    done <"$tmp/targets"
+    done <"$folder/targets"
 }
 
 # every row of the slide map names a function and a test, as links to where they are (which check_links follows)
 check_map() {
     rows=$(awk -F '|' '/^## / { map = /slides, one by one/ } map && /^\|/ && !/^\| (slide|---) / {
             rows++
-            if ($4 !~ /\[`[A-Za-z0-9_]+`\]\(/ || $5 !~ /\[`[A-Za-z0-9_]+`\]\([^)]*test/) print "slide without a function or a test:" $2 >"'"$tmp/map"'" }
+            if ($4 !~ /\[`[A-Za-z0-9_]+`\]\(/ || $5 !~ /\[`[A-Za-z0-9_]+`\]\([^)]*test/) print "slide without a function or a test:" $2 >"'"$folder/map"'" }
         END { print rows + 0 }' "$1")
     [ "$rows" -eq 0 ] || good
-    [ ! -s "$tmp/map" ] || bad "$(cat "$tmp/map")"
-    rm -f "$tmp/map"
+    [ ! -s "$folder/map" ] || bad "$(cat "$folder/map")"
+    rm -f "$folder/map"
 }
 
 # Markdown takes * and a _ that does not follow a letter or digit for emphasis, | for a column; an odd $ opens what nothing closes
@@ -114,12 +111,12 @@ check_maths() {
         gsub(/`[^`]*`/, "")
         n = split($0, part, "$")
         if (n > 0 && n % 2 == 0) { print "line " NR ": odd number of $"; next }
-        for (i = 2; i < n; i += 2) if (part[i] ~ /[*<>|]|[^A-Za-z0-9]_|^_/) print "line " NR ": Markdown would change " part[i] }' "$1" >"$tmp/maths"
-    if [ -s "$tmp/maths" ]; then bad "$(cat "$tmp/maths")"; else good; fi
+        for (i = 2; i < n; i += 2) if (part[i] ~ /[*<>|]|[^A-Za-z0-9]_|^_/) print "line " NR ": Markdown would change " part[i] }' "$1" >"$folder/maths"
+    if [ -s "$folder/maths" ]; then bad "$(cat "$folder/maths")"; else good; fi
 }
 
 # all documents below $root
-check() {
+check_documents() {
     for page in "$root"/README.md "$root"/doc/*.md; do
         doc=${page#"$root"/}
         if [ ! -f "$page" ]; then bad 'is missing'; continue; fi
@@ -133,7 +130,7 @@ check() {
 }
 
 root=.
-check
+check_documents
 
 # the lecture has 35 slides; two lines are the table's head
 doc=doc/lecture.md
@@ -141,16 +138,16 @@ doc=doc/lecture.md
 
 # figures are what their program draws
 doc=doc/figures.c
-mkdir "$tmp/figures"
-if ${CC:-cc} doc/figures.c -o "$tmp/draw" 2>"$tmp/cc" && "$tmp/draw" "$tmp/figures"; then
-    for figure in "$tmp"/figures/*.svg; do
+mkdir "$folder/figures"
+if ${CC:-cc} doc/figures.c -o "$folder/draw" 2>"$folder/cc" && "$folder/draw" "$folder/figures"; then
+    for figure in "$folder"/figures/*.svg; do
         if cmp -s "$figure" "doc/figures/$(basename "$figure")"; then good; else bad "does not draw doc/figures/$(basename "$figure") as it is"; fi
     done
-else bad "cannot be built or run: $(head -n 1 "$tmp/cc")"; fi
+else bad "cannot be built or run: $(head -n 1 "$folder/cc")"; fi
 
 # scripts are shell, and those beside the documents are named in one
 for doc in doc/*.sh test/*.sh; do
-    if sh -n "$doc" 2>"$tmp/sh"; then good; else bad "$(head -n 1 "$tmp/sh")"; fi
+    if sh -n "$doc" 2>"$folder/sh"; then good; else bad "$(head -n 1 "$folder/sh")"; fi
     case $doc in doc/*) if grep -Fq "$doc" doc/*.md; then good; else bad 'is named in no document'; fi ;; esac
 done
 
@@ -161,7 +158,7 @@ for figure in doc/figures/*; do
 done
 
 # planted faults
-root=$tmp/root
+root=$folder/root
 mkdir -p "$root/doc" "$root/test"
 : >"$root/README.md"
 echo 'double path_length(void);' >"$root/path.h"
@@ -178,8 +175,8 @@ See [below](#the-slides-one-by-one), [`path.h`](../path.h) and `test_path.c`; `m
 | one | $l$ | [`path_length`](../path.h) | [`test_length`](../test/test_path.c) |'
 plant() {
     printf '%s\n%s\n' "$small" "$2" >"$root/doc/small.md"
-    found=$(failed=0; check >"$tmp/said"; echo "$failed")
-    if [ "$found" = "$1" ]; then good; else doc=self-test; bad "$found faults found for $1 planted: $2"; cat "$tmp/said"; fi
+    found=$(failed=0; check_documents >"$folder/said"; echo "$failed")
+    if [ "$found" = "$1" ]; then good; else doc=self-test; bad "$found faults found for $1 planted: $2"; cat "$folder/said"; fi
 }
 plant 0 ''
 plant 1 'See [this](no-such-file.c).'
@@ -199,5 +196,4 @@ plant 1 '| two | $l$ | [`path_length`](../path.h) | none |'
 plant 1 'The sum $f(x)_1$ is wrong.'
 plant 1 'It costs $ 5.'
 
-echo "$passed passed, $failed failed"
-[ "$failed" -eq 0 ]
+report

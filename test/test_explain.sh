@@ -5,22 +5,10 @@
 #
 # The last line is 'N passed, N failed'; the status is 1 if anything failed.
 
-mlt=${1:-./mlt}
-case $mlt in /*) ;; *) mlt=$PWD/$mlt ;; esac
+. "$(dirname "$0")/check.sh"
+mlt=$(absolute "${1:-./mlt}")
 root=$(cd "$(dirname "$0")/.." && pwd) || exit 1
-folder=$(mktemp -d) || exit 1
-trap 'rm -rf "$folder"' EXIT
-trap 'exit 1' HUP INT TERM
 cd "$folder" || exit 1
-passed=0 failed=0
-
-# check WHAT COMMAND...: the command must succeed
-check()
-{
-    what=$1
-    shift
-    if "$@"; then passed=$((passed + 1)); else failed=$((failed + 1)); echo "failed: $what"; fi
-}
 
 # explain STATUS ARGUMENT... SCENE: the program must leave with that status; its two streams are files then
 explain()
@@ -33,7 +21,6 @@ explain()
 }
 
 says() { grep -q -e "$1" "${2:-stdout}"; }
-not() { ! "$@"; }
 refuses() { explain 1 "$@"; check "no message: $*" test -s stderr; check "prints something all the same: $*" test ! -s stdout; }
 
 # Every equation: pieces between '=' that are numbers alone must agree to 1e-6, and so must everything that goes by one name; C = F G F in tables.
@@ -71,6 +58,7 @@ function trim(s) { gsub(/^ +| +$/, "", s); return s }
     next
 }
 { c = "" }
+/(^|[^a-z])nan([^a-z]|$)/ { fail("not a number") }
 /=/ {
     line = $0
     if (match(line, /[^ ]    /)) line = substr(line, 1, RSTART)    # four spaces: what follows is a remark
@@ -97,6 +85,20 @@ END { print count + 0; exit bad }
 END_AWK
 # multiplies_out AT_LEAST: and that many comparisons were made
 multiplies_out() { n=$(awk -f equations.awk stdout) && test "$n" -ge "$1"; }
+# caught SED-SCRIPT: what it changes in the file 'right' is noticed
+caught()
+{
+    sed "$1" right >stdout
+    differ right stdout && not multiplies_out 5 2>/dev/null
+}
+explain 0 --strategy lens "$root/scenes/cornell.obj"
+cp stdout right
+check "planted: right equations do not hold" multiplies_out 5
+check "planted: a result that is another" caught 's/^\( *R(y|x) = .* = \)[0-9.]*$/\11.5/'
+check "planted: a factor that is another" caught 's/^\( *R(y|x) = .* = \)[0-9.]*\( \* .*\)$/\11.5\2/'
+check "planted: C that is another" caught 's/^\( *z_0 .* \)[0-9.e-]*$/\11.5/'
+check "planted: a name that changes its value" caught 's/^  R(y|x) = .*/&\n  R(y|x) = 1.5/'
+check "planted: nan" caught 's/^\( *R(y|x) = .* = \)[0-9.]*$/\1nan/'
 
 # ---- the lecture's two examples: a from the tables and p_d, p_a, chi alone ----
 
@@ -131,6 +133,8 @@ for seed in 1 2 3; do
         check "example $example: no slides' forms" says "^EXAMPLE $example"
     done
 done
+caught_in_example() { sed "$1" stdout >planted; differ stdout planted && not awk -f example.awk planted >/dev/null; }
+check "planted: an a(y|x) that is another" caught_in_example 's/^\( *a(y|x) .* = \)[0-9.e-]*$/\10.123/'
 explain 0 --example 1 --accepted "$root/scenes/cornell.obj"
 check "example 1: not accepted" says "The chain accepted y"
 check "example 1: deletion" says "delete: s = 1, t = 2"
@@ -194,5 +198,4 @@ for options in '--audit --example 1' '--audit --length 3' '--audit --accepted' '
     check "prints something all the same: $options" test ! -s stdout
 done
 
-echo "$passed passed, $failed failed"
-test "$failed" -eq 0
+report

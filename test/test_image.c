@@ -2,16 +2,13 @@
  * comes back as an error. Files of the formats read are built here from chosen samples, so that each pixel's value is known; the
  * zlib_... arrays were made by zlib itself. */
 #include "check.h"
+#include "folder.h"
 #include "../image.h"
 #include "../png.h"
-#include <dirent.h>
 #include <errno.h>
 #include <signal.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 /* ---- Bytes to build files in ---- */
 
@@ -95,7 +92,7 @@ static bool shows(const Bytes *b, unsigned width, unsigned height, Expected *exp
     bool good = image && image->width == width && image->height == height;
     for (unsigned i = 0; good && i < width * height * 3; i++) {
         double value = (double)image->rgb[i], wanted = expected(context, i / 3 % width, i / 3 / width, i % 3);
-        if (fabs(value - wanted) > 1e-6 * wanted && wrong++ < 3)
+        if (!(fabs(value - wanted) <= 1e-6 * wanted) && wrong++ < 3)
             printf("x %u, y %u, channel %u: %.9g, expected %.9g\n", i / 3 % width, i / 3 / width, i % 3, value, wanted);
     }
     image_free(image);
@@ -326,7 +323,7 @@ static void test_png_streams(void)
                 wrap_zlib(&b, zlib, n, 40, 12);
                 Image *image = decode(b.at, b.n, &report);
                 for (unsigned j = 0; image && j < 40 * 12; j++)
-                    wrong += fabs((double)image->rgb[3 * j] - stream_expected(NULL, j % 40, j / 40, 0)) > 1e-6;
+                    wrong += !(fabs((double)image->rgb[3 * j] - stream_expected(NULL, j % 40, j / 40, 0)) <= 1e-6);
                 image_free(image);
                 zlib[at] ^= (unsigned char)(1 << bit);
             }
@@ -732,46 +729,22 @@ static void test_tga(void)
 
 /* ---- Files ---- */
 
-static char folder[] = "/tmp/mlt_test_image_XXXXXX";
-
-static const char *in_folder(const char *name)
-{
-    static char path[2][400];
-    static int turn;
-    turn = !turn;
-    snprintf(path[turn], sizeof path[turn], "%s/%s", folder, name);
-    return path[turn];
-}
-
-static void save(const char *name, const void *data, size_t n)
-{
-    FILE *file = fopen(in_folder(name), "wb");
-    CHECK(file && fwrite(data, 1, n, file) == n && fclose(file) == 0);
-}
-
 static size_t load(const char *name, Bytes *b)
 {
-    FILE *file = fopen(in_folder(name), "rb");
+    FILE *file = fopen(folder_path(name), "rb");
     b->n = file ? fread(b->at, 1, sizeof b->at, file) : 0;
     if (file) fclose(file);
     return b->n;
 }
 
-static int files_in_folder(void)
-{
-    int n = 0;
-    DIR *directory = opendir(folder);
-    for (struct dirent *entry; directory && (entry = readdir(directory));) n += strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0;
-    if (directory) closedir(directory);
-    return n;
-}
+static int files_in_folder(void) { return folder_entries(folder(), false); }
 
 /* Written under that name and read back; NULL if either fails. */
 static Image *round_trip(const Image *image, const char *name, double ev)
 {
     Report report = { .warnings = stdout };
     Image *again = NULL;
-    if (!image_write(image, in_folder(name), ev, &report) || !(again = image_read(in_folder(name), &report))) printf("%s\n", report.error);
+    if (!image_write(image, folder_path(name), ev, &report) || !(again = image_read(folder_path(name), &report))) printf("%s\n", report.error);
     else if (again->width != image->width || again->height != image->height) {
         image_free(again);
         again = NULL;
@@ -819,7 +792,7 @@ static void test_write_8_bits(void)
             for (unsigned k = 0; k < 3; k++) image->rgb[3 * i + k] = (float)from_srgb((i + 0.499 * ((int)k - 1)) / 255);
         Image *again = round_trip(image, names[f], 0);
         int wrong = 0;
-        for (unsigned i = 0; again && i < 768; i++) wrong += fabs((double)again->rgb[i] - from_srgb(i / 3 / 255.0)) > 1e-6;
+        for (unsigned i = 0; again && i < 768; i++) wrong += !(fabs((double)again->rgb[i] - from_srgb(i / 3 / 255.0)) <= 1e-6);
         CHECK(again && wrong == 0);
         image_free(again);
 
@@ -827,7 +800,7 @@ static void test_write_8_bits(void)
         for (unsigned i = 0; i < 768; i++) image->rgb[i] *= 0.25f;
         again = round_trip(image, names[f], 2);
         wrong = 0;
-        for (unsigned i = 0; again && i < 768; i++) wrong += fabs((double)again->rgb[i] - from_srgb(i / 3 / 255.0)) > 1e-6;
+        for (unsigned i = 0; again && i < 768; i++) wrong += !(fabs((double)again->rgb[i] - from_srgb(i / 3 / 255.0)) <= 1e-6);
         CHECK(again && wrong == 0);
         image_free(again);
         image_free(image);
@@ -920,15 +893,15 @@ static void test_files(void)
     Image *image = image_new(100, 100);
     uint32_t state = 3;
     for (unsigned i = 0; i < 30000; i++) image->rgb[i] = (float)random_unit(&state);
-    CHECK(write_refused(image, in_folder("a.exr"), "must end in .pfm, .ppm or .png"));
-    CHECK(write_refused(image, in_folder("absent/a.png"), strerror(ENOENT)));
+    CHECK(write_refused(image, folder_path("a.exr"), "must end in .pfm, .ppm or .png"));
+    CHECK(write_refused(image, folder_path("absent/a.png"), strerror(ENOENT)));
 
     /* A folder of that name: found out only when all is written. */
-    CHECK(mkdir(in_folder("folder.png"), 0700) == 0);
+    CHECK(mkdir(folder_path("folder.png"), 0700) == 0);
     int before = files_in_folder();
-    CHECK(write_refused(image, in_folder("folder.png"), "cannot write: "));
+    CHECK(write_refused(image, folder_path("folder.png"), "cannot write: "));
     CHECK(files_in_folder() == before);
-    CHECK(rmdir(in_folder("folder.png")) == 0);
+    CHECK(rmdir(folder_path("folder.png")) == 0);
 
     /* A disk that fills up, played by a limit on the size of files: the old file stays, nothing else does. */
     static const char *const names[] = { "full.pfm", "full.ppm", "full.png" };
@@ -936,20 +909,20 @@ static void test_files(void)
     CHECK(getrlimit(RLIMIT_FSIZE, &usual) == 0);
     signal(SIGXFSZ, SIG_IGN);
     for (unsigned i = 0; i < 3; i++) {
-        save(names[i], "old", 3);
+        folder_write_text(names[i], "old");
         before = files_in_folder();
         for (rlim_t limit = 0; limit <= 20000; limit += 4000) {
             small = usual;
             small.rlim_cur = limit;
             setrlimit(RLIMIT_FSIZE, &small);
-            bool good = write_refused(image, in_folder(names[i]), strerror(EFBIG));
+            bool good = write_refused(image, folder_path(names[i]), strerror(EFBIG));
             setrlimit(RLIMIT_FSIZE, &usual);
             CHECK(good);
             CHECK(load(names[i], &b) == 3 && memcmp(b.at, "old", 3) == 0);
             CHECK(files_in_folder() == before);
         }
         Report report = { .warnings = stdout };
-        CHECK(image_write(image, in_folder(names[i]), 0, &report));                 /* and without the limit replaces it */
+        CHECK(image_write(image, folder_path(names[i]), 0, &report));                 /* and without the limit replaces it */
         CHECK(load(names[i], &b) > 20000);
         CHECK(files_in_folder() == before);
     }
@@ -957,7 +930,7 @@ static void test_files(void)
     small = usual;
     small.rlim_cur = 0;
     setrlimit(RLIMIT_FSIZE, &small);
-    bool caught = write_refused(tiny, in_folder("tiny.ppm"), strerror(EFBIG));
+    bool caught = write_refused(tiny, folder_path("tiny.ppm"), strerror(EFBIG));
     setrlimit(RLIMIT_FSIZE, &usual);
     CHECK(caught && files_in_folder() == before);
     image_free(tiny);
@@ -965,37 +938,29 @@ static void test_files(void)
     /* A temporary file left behind, or a link laid, does no harm. */
     char temporary[64];
     snprintf(temporary, sizeof temporary, "full.ppm.tmp%ld", (long)getpid());
-    save("elsewhere", "old", 3);
-    CHECK(symlink("elsewhere", in_folder(temporary)) == 0);
+    folder_write_text("elsewhere", "old");
+    CHECK(symlink("elsewhere", folder_path(temporary)) == 0);
     Report report = { .warnings = stdout };
     before = files_in_folder();
-    CHECK(image_write(image, in_folder("full.ppm"), 0, &report));
+    CHECK(image_write(image, folder_path("full.ppm"), 0, &report));
     CHECK(load("elsewhere", &b) == 3 && files_in_folder() == before - 1);
     image_free(image);
 
-    CHECK(read_refused(in_folder("absent.png"), strerror(ENOENT)));
-    CHECK(read_refused(folder, "is a directory"));
+    CHECK(read_refused(folder_path("absent.png"), strerror(ENOENT)));
+    CHECK(read_refused(folder(), "is a directory"));
     CHECK(read_refused("/dev/null", "not a plain file"));
-    CHECK(mkfifo(in_folder("pipe"), 0600) == 0);
-    CHECK(read_refused(in_folder("pipe"), "not a plain file"));
-    save("empty.png", "", 0);
-    CHECK(read_refused(in_folder("empty.png"), "the file is empty"));
-    save("word.png", "word", 4);
-    CHECK(read_refused(in_folder("word.png"), "not a PFM, PPM, PGM, PNG or TGA picture"));
+    CHECK(mkfifo(folder_path("pipe"), 0600) == 0);
+    CHECK(read_refused(folder_path("pipe"), "not a plain file"));
+    folder_write_text("empty.png", "");
+    CHECK(read_refused(folder_path("empty.png"), "the file is empty"));
+    folder_write_text("word.png", "word");
+    CHECK(read_refused(folder_path("word.png"), "not a PFM, PPM, PGM, PNG or TGA picture"));
     if (geteuid() != 0) {                                                           /* root may read and write all */
-        CHECK(chmod(in_folder("word.png"), 0) == 0 && read_refused(in_folder("word.png"), strerror(EACCES)));
+        CHECK(chmod(folder_path("word.png"), 0) == 0 && read_refused(folder_path("word.png"), strerror(EACCES)));
         image = image_new(1, 1);
-        CHECK(chmod(folder, 0500) == 0 && write_refused(image, in_folder("a.png"), strerror(EACCES)) && chmod(folder, 0700) == 0);
+        CHECK(chmod(folder(), 0500) == 0 && write_refused(image, folder_path("a.png"), strerror(EACCES)) && chmod(folder(), 0700) == 0);
         image_free(image);
     }
-}
-
-static void clean_up(void)
-{
-    DIR *directory = opendir(folder);
-    for (struct dirent *entry; directory && (entry = readdir(directory));) unlink(in_folder(entry->d_name));
-    if (directory) closedir(directory);
-    CHECK(rmdir(folder) == 0);
 }
 
 /* ---- The rest ---- */
@@ -1096,12 +1061,10 @@ int main(void)
     test_pnm();
     test_pfm();
     test_tga();
-    if (CHECK(mkdtemp(folder))) {
-        test_write_pfm();
-        test_write_8_bits();
-        test_write_png();
-        test_files();
-        clean_up();
-    }
+    test_write_pfm();
+    test_write_8_bits();
+    test_write_png();
+    test_files();
+    CHECK(folder_remove());
     return check_report();
 }

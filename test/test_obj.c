@@ -1,47 +1,12 @@
 /* The OBJ, MTL and SCENE.cam readers: what is accepted, what is refused and with which words, numbers against strtod, triangulation by area,
- * what is kept and what is not. Inputs are written to a folder of their own under TMPDIR, which is removed at the end. */
+ * what is kept and what is not. */
 #include "check.h"
+#include "folder.h"
 #include "../obj.h"
 #include "../rng.h"
 #include "../text.h"
 #include <locale.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/stat.h>
-#include <unistd.h>
-
-/* Files of a test. */
-
-static char folder[256], written[64][64];
-static int n_written;
-
-static const char *path_of(const char *name)
-{
-    static char path[400];
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    return path;
-}
-
-static void write_bytes(const char *name, const char *bytes, size_t n)
-{
-    FILE *f = fopen(path_of(name), "wb");
-    if (!f || fwrite(bytes, 1, n, f) != n || fclose(f) != 0) {
-        perror(path_of(name));
-        exit(2);
-    }
-    for (int i = 0; i < n_written; i++)
-        if (strcmp(written[i], name) == 0) return;
-    snprintf(written[n_written++], sizeof written[0], "%.63s", name);
-}
-
-static void write_text(const char *name, const char *text) { write_bytes(name, text, strlen(text)); }
-
-static void remove_file(const char *name)
-{
-    remove(path_of(name));
-    for (int i = 0; i < n_written; i++)
-        if (strcmp(written[i], name) == 0) memmove(written[i], written[--n_written], sizeof written[0]);
-}
 
 /* What a read has given. */
 typedef struct {
@@ -56,7 +21,7 @@ static Result read_file(const char *name)
     Result r = { 0 };
     FILE *f = tmpfile();
     Report report = { .warnings = f };
-    r.ok = obj_read(&r.mesh, path_of(name), &report);
+    r.ok = obj_read(&r.mesh, folder_path(name), &report);
     snprintf(r.error, sizeof r.error, "%s", report.error);
     r.warned = report.warned;
     rewind(f);
@@ -67,7 +32,7 @@ static Result read_file(const char *name)
 
 static Result read_obj(const char *text)
 {
-    write_text("a.obj", text);
+    folder_write_text("a.obj", text);
     return read_file("a.obj");
 }
 
@@ -260,12 +225,12 @@ static const Row rows[] = {
 
 static void test_rows(void)
 {
-    write_text("m.mtl", "newmtl red\nKd 1 0 0\nnewmtl my red\nKd 1 0 0\nnewmtl hash # 1\nKd 0 0 1\n");
-    write_text("m2.mtl", "newmtl green\nKd 0 1 0\nnewmtl red\nKd 0 0 0\n");
-    write_text("my lib.mtl", "newmtl spaced\nKd 1 1 1\n");
+    folder_write_text("m.mtl", "newmtl red\nKd 1 0 0\nnewmtl my red\nKd 1 0 0\nnewmtl hash # 1\nKd 0 0 1\n");
+    folder_write_text("m2.mtl", "newmtl green\nKd 0 1 0\nnewmtl red\nKd 0 0 0\n");
+    folder_write_text("my lib.mtl", "newmtl spaced\nKd 1 1 1\n");
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         const Row *row = &rows[i];
-        write_bytes("a.obj", row->text, row->n);
+        folder_write("a.obj", row->text, row->n);
         Result r = read_file("a.obj");
         bool right;
         if (row->triangles == REFUSED) right = !r.ok && strstr(r.error, row->words) && !strchr(r.error, '\n');
@@ -278,9 +243,9 @@ static void test_rows(void)
             for (int c = 0; c < 3; c++) CHECK(r.mesh.triangle[k][c] < r.mesh.n_positions);
         mesh_free(&r.mesh);
     }
-    remove_file("m.mtl");
-    remove_file("m2.mtl");
-    remove_file("my lib.mtl");
+    remove(folder_path("m.mtl"));
+    remove(folder_path("m2.mtl"));
+    remove(folder_path("my lib.mtl"));
 }
 
 /* Files that cannot be opened, and what crosses the blocks in which files are read. */
@@ -304,7 +269,7 @@ static void test_files(void)
             while (n < BLOCK - 40) text[n++] = 'x';
             for (int i = 0; i < shift; i++) text[n++] = 'y';
             n += (size_t)sprintf(text + n, "%sv 0 0 0%sv 1 0 0%sv 0 1 0%sf 1 2 3%sf 1 2 x%s", "\n", ends[e], ends[e], ends[e], ends[e], ends[e]);
-            write_bytes("a.obj", text, n);
+            folder_write("a.obj", text, n);
             r = read_file("a.obj");
             const char *expected = e == 3 ? ":14: 'x'" : ":6: 'x'";
             if (!CHECK(!r.ok && strstr(r.error, expected))) printf("  %zu %d: %s\n", e, shift, r.error);
@@ -318,12 +283,12 @@ static void test_files(void)
     memset(long_text + n, 'c', big);
     n += big;
     n += (size_t)sprintf(long_text + n, "\n" FACE);
-    write_bytes("a.obj", long_text, n);
+    folder_write("a.obj", long_text, n);
     r = read_file("a.obj");
     CHECK(r.ok && r.warned == 0 && r.mesh.n_triangles == 1);
     mesh_free(&r.mesh);
     memcpy(long_text + strlen(V4), "usemtl ", 7);
-    write_bytes("a.obj", long_text, n);
+    folder_write("a.obj", long_text, n);
     r = read_file("a.obj");
     CHECK(r.ok && r.warned == 1 && strlen(r.warnings) < 500);
     mesh_free(&r.mesh);
@@ -331,7 +296,7 @@ static void test_files(void)
         n = strlen(V4) + (size_t)sprintf(long_text + strlen(V4), library ? "mtllib " : "usemtl ");
         while (n < big / 4) n += (size_t)sprintf(long_text + n, "a # ");
         sprintf(long_text + n, "\n" FACE);
-        write_text("a.obj", long_text);
+        folder_write_text("a.obj", long_text);
         r = read_file("a.obj");
         CHECK(r.ok && r.warned == 1);
         mesh_free(&r.mesh);
@@ -339,7 +304,7 @@ static void test_files(void)
     memset(long_text, '1', big);
     memcpy(long_text, "v ", 2);
     memcpy(long_text + big, " 0 0\n", 6);
-    write_text("a.obj", long_text);
+    folder_write_text("a.obj", long_text);
     r = read_file("a.obj");
     CHECK(!r.ok && strstr(r.error, "is too large") && strlen(r.error) < 500);
     free(long_text);
@@ -504,7 +469,7 @@ static void test_scale(void)
             CHECK(r.ok);
             int outside = 0;
             for (uint32_t i = 0; i < r.mesh.n_positions; i++)
-                for (int k = 0; k < 3; k++) outside += fabsf(r.mesh.position[i][k]) > 1;
+                for (int k = 0; k < 3; k++) outside += !(fabsf(r.mesh.position[i][k]) <= 1);
             CHECK(outside == 0);
             if (e == 0) {
                 mesh_free(&first);
@@ -674,7 +639,7 @@ static void write_texture(const char *name, int r, int g, int b)
 {
     char text[64];
     snprintf(text, sizeof text, "P3 1 1 255 %d %d %d\n", r, g, b);
-    write_text(name, text);
+    folder_write_text(name, text);
 }
 
 static void test_kept(void)
@@ -703,7 +668,7 @@ static void test_kept(void)
     mesh_free(&r.mesh);
 
     write_texture("t.ppm", 255, 255, 255);
-    write_text("m.mtl", "newmtl plain\nKd 0.1 0.2 0.3\nnewmtl unused\nmap_Kd nowhere.ppm\nnewmtl paper\nmap_Kd t.ppm\nnewmtl card\nmap_Kd t.ppm\n"
+    folder_write_text("m.mtl", "newmtl plain\nKd 0.1 0.2 0.3\nnewmtl unused\nmap_Kd nowhere.ppm\nnewmtl paper\nmap_Kd t.ppm\nnewmtl card\nmap_Kd t.ppm\n"
                         "newmtl lost\nKd 0.3 0.3 0.3\nmap_Kd nowhere.ppm\nnewmtl broken\nmap_Kd m.mtl\n");
     r = read_obj("mtllib m.mtl\n" V4 T4 "usemtl plain\nf 1/1 2/2 3/3\n");
     CHECK(r.ok && r.mesh.uv == NULL && r.mesh.triangle_uv == NULL && r.mesh.n_materials == 1 && r.mesh.n_textures == 0);
@@ -735,8 +700,8 @@ static void test_kept(void)
     CHECK(r.ok && r.mesh.n_materials == 2);            /* unknown names share the grey */
     CHECK(r.mesh.triangle_material[0] == r.mesh.triangle_material[2] && r.mesh.triangle_material[1] == r.mesh.triangle_material[3]);
     mesh_free(&r.mesh);
-    remove_file("m.mtl");
-    remove_file("t.ppm");
+    remove(folder_path("m.mtl"));
+    remove(folder_path("t.ppm"));
 }
 
 /* Materials: an MTL text behind 'newmtl a', what becomes of it, and part of the warnings. */
@@ -850,7 +815,7 @@ static void test_materials(void)
     char text[1000], description[200];
     for (size_t i = 0; i < sizeof materials / sizeof materials[0]; i++) {
         snprintf(text, sizeof text, "newmtl a\n%s", materials[i].text);
-        write_text("m.mtl", text);
+        folder_write_text("m.mtl", text);
         Result r = read_obj("mtllib m.mtl\n" V4 T4 "usemtl a\nf 1/1 2/2 3/3\n");
         description[0] = 0;
         if (r.ok) describe(&r.mesh.material[0], description);
@@ -862,7 +827,7 @@ static void test_materials(void)
     }
 
     /* one picture, scaled for the glossy material only */
-    write_text("m.mtl", "newmtl a\nmap_Kd t.ppm\nnewmtl b\nmap_Kd ./t.ppm\nKs 1 1 1\nNs 5\nnewmtl c\nmap_Kd t.ppm\nKs 1 1 1\nNs 5\n");
+    folder_write_text("m.mtl", "newmtl a\nmap_Kd t.ppm\nnewmtl b\nmap_Kd ./t.ppm\nKs 1 1 1\nNs 5\nnewmtl c\nmap_Kd t.ppm\nKs 1 1 1\nNs 5\n");
     Result r = read_obj("mtllib m.mtl\n" V4 T4 "usemtl a\nf 1/1 2/2 3/3\nusemtl b\nf 1/1 2/2 4/3\nusemtl c\nf 1/1 2/2 4/3\n");
     CHECK(r.ok && r.mesh.n_materials == 3);
     CHECK((double)r.mesh.material[0].map_kd->rgb[0] == 1 && (double)r.mesh.material[1].map_kd->rgb[0] == 0.5);
@@ -879,17 +844,17 @@ static void test_materials(void)
         { BYTES("newmtl a\r\nKd 0.5\r\n"), NULL },
     };
     for (size_t i = 0; i < sizeof whole / sizeof whole[0]; i++) {
-        write_bytes("m.mtl", whole[i].text, whole[i].n);
+        folder_write("m.mtl", whole[i].text, whole[i].n);
         r = read_obj("mtllib m.mtl\n" V4 FACE);
         CHECK(r.ok);
         if (!CHECK(whole[i].words ? strstr(r.warnings, whole[i].words) != NULL : r.warned == 0)) printf("  %zu: %s\n", i, r.warnings);
         mesh_free(&r.mesh);
     }
-    remove_file("m.mtl");
-    remove_file("t.ppm");
-    remove_file("my t.ppm");
-    remove_file("3.ppm");
-    remove_file("sub/s.ppm");
+    remove(folder_path("m.mtl"));
+    remove(folder_path("t.ppm"));
+    remove(folder_path("my t.ppm"));
+    remove(folder_path("3.ppm"));
+    remove(folder_path("sub/s.ppm"));
 }
 
 /* SCENE.cam. */
@@ -898,12 +863,12 @@ static void test_camera(void)
 {
     CameraSettings c = { 0 };
     Report report = { 0 };
-    CHECK(cam_read(&c, path_of("none.cam"), &report) && !c.has_eye && !report.error[0]);
-    write_text("a.cam", "# camera\n\neye 278 273 -800\r\nlook 278 273 0 # c\n\tup 0 1 0\nfov 39.3\nsize 512 256\naperture 0\nfocus 1e3");
-    CHECK(cam_read(&c, path_of("a.cam"), &report));
+    CHECK(cam_read(&c, folder_path("none.cam"), &report) && !c.has_eye && !report.error[0]);
+    folder_write_text("a.cam", "# camera\n\neye 278 273 -800\r\nlook 278 273 0 # c\n\tup 0 1 0\nfov 39.3\nsize 512 256\naperture 0\nfocus 1e3");
+    CHECK(cam_read(&c, folder_path("a.cam"), &report));
     CHECK(c.has_eye && c.has_look && c.has_up && c.has_fov && c.has_size && c.has_aperture && c.has_focus);
     CHECK(c.eye.z == -800 && c.look.x == 278 && c.up.y == 1 && c.fov == 39.3 && c.width == 512 && c.height == 256 && c.aperture == 0 && c.focus == 1000);
-    CHECK(!cam_read(&c, path_of("sub"), &report));
+    CHECK(!cam_read(&c, folder_path("sub"), &report));
     static const struct { const char *text, *words; } wrong[] = {
         { "eye 1 2", ":1: 3 numbers expected, 2 found" },
         { "\neye 1 2 3 4", ":2: '4' is more than" },
@@ -925,18 +890,16 @@ static void test_camera(void)
     };
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         CameraSettings untouched = { 0 };
-        write_text("a.cam", wrong[i].text);
-        CHECK(!cam_read(&untouched, path_of("a.cam"), &report) && !untouched.has_eye);
+        folder_write_text("a.cam", wrong[i].text);
+        CHECK(!cam_read(&untouched, folder_path("a.cam"), &report) && !untouched.has_eye);
         if (!CHECK(strstr(report.error, wrong[i].words) && strstr(report.error, "a.cam"))) printf("  %s: %s\n", wrong[i].text, report.error);
     }
 }
 
 int main(void)
 {
-    const char *temporary = getenv("TMPDIR");
-    snprintf(folder, sizeof folder, "%.200s/test_obj.XXXXXX", temporary && temporary[0] ? temporary : "/tmp");
-    if (!mkdtemp(folder) || mkdir(path_of("sub"), 0777) != 0) {
-        perror(folder);
+    if (mkdir(folder_path("sub"), 0777) != 0) {
+        perror(folder_path("sub"));
         return 2;
     }
     test_rows();
@@ -948,12 +911,6 @@ int main(void)
     test_kept();
     test_materials();
     test_camera();
-    while (n_written > 0) {
-        char name[64];
-        memcpy(name, written[n_written - 1], sizeof name);
-        remove_file(name);
-    }
-    rmdir(path_of("sub"));
-    CHECK(rmdir(folder) == 0);
+    CHECK(folder_entries(folder(), false) == 3 && folder_remove());        /* a.obj, a.cam, sub: nothing that a reader has left */
     return check_report();
 }

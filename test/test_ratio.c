@@ -12,6 +12,7 @@
 #include "fresh.h"
 #include "reference.h"
 #include "mlt.h"
+#include "statistics.h"
 #include <stdlib.h>
 #include <time.h>
 
@@ -27,17 +28,6 @@ enum { SCENES = sizeof scene_path / sizeof scene_path[0] };
 /* too large for the stack */
 static Path path_store[WORK_PATHS];
 static RefPath ref_store[4];
-
-static double relative(Real a, Real b)
-{
-    Real size = fmaxl(ref_abs(a), ref_abs(b));
-    return size > 0 ? (double)(ref_abs(a - b) / size) : (a == b ? 0 : NAN);
-}
-
-static void worse(double *worst, double d)
-{
-    if (!(d <= *worst)) *worst = d;        /* a NaN stays */
-}
 
 /* ---- one proposal against the reference ---- */
 
@@ -97,32 +87,32 @@ static void compare(const Space *space, const Sampler *sampler, const char *row,
     RefMove r = reference_move(space, tuning, row, px, py, x, y, move, FAULT_NONE);
     double a_yx = fmin(1, move->R_yx / move->R_xy), a_xy = fmin(1, move->R_xy / move->R_yx), before = worst->R;
     worst->proposals++;
-    worse(&worst->R, relative(r.R_yx, move->R_yx));
-    worse(&worst->R, relative(r.R_xy, move->R_xy));
-    worse(&worst->ratio, relative(r.R_yx / r.R_xy, (Real)move->R_yx / move->R_xy));
-    worse(&worst->balance, relative(x->target * r.T_yx * a_yx, y->target * r.T_xy * a_xy));
-    worse(&worst->cache, relative(y->chi, py->chi));
+    check_worse(&worst->R, relative(r.R_yx, move->R_yx));
+    check_worse(&worst->R, relative(r.R_xy, move->R_xy));
+    check_worse(&worst->ratio, relative(r.R_yx / r.R_xy, (Real)move->R_yx / move->R_xy));
+    check_worse(&worst->balance, relative(x->target * r.T_yx * a_yx, y->target * r.T_xy * a_xy));
+    check_worse(&worst->cache, relative(y->chi, py->chi));
     if (worst->R > before)
         snprintf(worst->note, sizeof worst->note, "%s: k %d -> %d, s %d, k_d %d, k_a %d, j %d: R(y|x) %.9g for %.9Lg, R(x|y) %.9g for %.9Lg", row, px->k, py->k,
                  move->s, move->k_d, move->k_a, move->j, move->R_yx, r.R_yx, move->R_xy, r.R_xy);
     if (strcmp(row, "bidir") == 0) {
         int s = move->s, t = move->t, u = s + move->k_a;
         worst->wrong += t - s != move->k_d || py->k != px->k - move->k_d + move->k_a;
-        worse(&worst->parts, relative(ref_p_d1(px->k, move->k_d, FAULT_NONE), move->p_d1_x));
-        worse(&worst->parts, relative(ref_p_d1(py->k, move->k_a, FAULT_NONE), move->p_d1_y));
-        worse(&worst->parts, relative(ref_p_a1(px->k, move->k_d, move->k_a, space->max_depth, FAULT_NONE), move->p_a1_x));
-        worse(&worst->parts, relative(ref_p_a1(py->k, move->k_a, move->k_d, space->max_depth, FAULT_NONE), move->p_a1_y));
-        worse(&worst->parts, relative(ref_p_d2(tuning, px, x, s, t), move->p_d2_x));
-        worse(&worst->parts, relative(ref_p_d2(tuning, py, y, s, u), move->p_d2_y));
-        worse(&worst->parts, relative(ref_w(px, x, s, t), bidir_w(px, s, t)));
+        check_worse(&worst->parts, relative(ref_p_d1(px->k, move->k_d, FAULT_NONE), move->p_d1_x));
+        check_worse(&worst->parts, relative(ref_p_d1(py->k, move->k_a, FAULT_NONE), move->p_d1_y));
+        check_worse(&worst->parts, relative(ref_p_a1(px->k, move->k_d, move->k_a, space->max_depth, FAULT_NONE), move->p_a1_x));
+        check_worse(&worst->parts, relative(ref_p_a1(py->k, move->k_a, move->k_d, space->max_depth, FAULT_NONE), move->p_a1_y));
+        check_worse(&worst->parts, relative(ref_p_d2(tuning, px, x, s, t), move->p_d2_x));
+        check_worse(&worst->parts, relative(ref_p_d2(tuning, py, y, s, u), move->p_d2_y));
+        check_worse(&worst->parts, relative(ref_w(px, x, s, t), bidir_w(px, s, t)));
         int ways_x = 0, ways_y = 0;
         for (int j = 0; j < move->k_d; j++) ways_x += ref_possible(px, s, t, j);
         for (int j = 0; j < move->k_a; j++) ways_y += ref_possible(py, s, u, j);
         worst->wrong += bidir_ways(px, s, t, move->k_d - 1) != ways_x || bidir_ways(py, s, u, move->k_a - 1) != ways_y
                       || !ref_possible(py, s, u, move->j) || relative(move->p_a2_x, 1 / (Real)ways_y) > 1e-12
                       || relative(move->p_a2_y, 1 / (Real)ways_x) > 1e-12;
-        worse(&worst->parts, relative(ref_w(py, y, s, u) * ways_y, move->routes_y));
-        worse(&worst->parts, relative(ref_w(px, x, s, t) * ways_x, move->routes_x));
+        check_worse(&worst->parts, relative(ref_w(py, y, s, u) * ways_y, move->routes_y));
+        check_worse(&worst->parts, relative(ref_w(px, x, s, t) * ways_x, move->routes_x));
         if (tuning->p_d2_importance == 1) {
             /* every w cancels but the sums: a = [chi_y W_x(k_d) p_d1^y(k_a) p_a1^y(k_d)] / [chi_x W_y(k_a) p_d1^x(k_d) p_a1^x(k_a)] */
             Real W_x = 0, W_y = 0;
@@ -130,7 +120,7 @@ static void compare(const Space *space, const Sampler *sampler, const char *row,
             for (int a = -1; a + move->k_a <= py->k + 1; a++) W_y += (Real)bidir_w(py, a, a + move->k_a) * (a < 0 ? tuning->light_scale : 1);
             Real top = py->chi * W_x * ref_p_d1(py->k, move->k_a, FAULT_NONE) * ref_p_a1(py->k, move->k_a, move->k_d, space->max_depth, FAULT_NONE);
             Real bottom = px->chi * W_y * ref_p_d1(px->k, move->k_d, FAULT_NONE) * ref_p_a1(px->k, move->k_d, move->k_a, space->max_depth, FAULT_NONE);
-            worse(&worst->collapse, relative(top / bottom, (Real)move->R_yx / move->R_xy));
+            check_worse(&worst->collapse, relative(top / bottom, (Real)move->R_yx / move->R_xy));
         }
     } else if (strcmp(row, "subpath") != 0) {
         double dx = x->raster_x - y->raster_x, dy = x->raster_y - y->raster_y, r_film = sqrt(dx * dx + dy * dy);
@@ -167,7 +157,7 @@ static void run_chains(const Space *space, const Sampler *sampler, const Bootstr
             if (rng_double(&rng) >= a) continue;
             worst[row].accepted++;
             path_copy(x, y);
-            worse(&worst[row].fresh, fresh_difference(space, x, &path_store[2]));
+            check_worse(&worst[row].fresh, fresh_difference(space, x, &path_store[2]));
         }
     }
 }
@@ -242,6 +232,8 @@ static void test_scenes(uint64_t per_scene)
         for (int pass = 0; pass < 2; pass++) {
             Stage stage;
             if (!stage_open(&stage, scene_path[n], pass ? DIRECT_INCLUDED : DIRECT_EXCLUDED, !pass, 6000)) continue;
+            /* nothing is lit in two scenes, and in one, a lamp over a sheet, nothing but directly */
+            CHECK(stage.lit == !(strstr(scene_path[n], "blind") || strstr(scene_path[n], "dark") || (!pass && strstr(scene_path[n], "texture"))));
             if (pass == 0) test_power(&stage.scene);
             static const double importance[3] = { 0, 0.5, 1 };
             for (int i = 0; i < 3 && stage.lit; i++) {
@@ -255,7 +247,7 @@ static void test_scenes(uint64_t per_scene)
         for (int row = 0; row < MUTATIONS; row++) {
             const Worst *w = &worst[row];
             all += w->proposals;
-            worse(&all_R, w->R);
+            check_worse(&all_R, w->R);
             if (w->proposals == 0 && w->wrong == 0) continue;
             printf("%-14s %-8s %9llu %9.1e %9.1e %9.1e %9.1e %9.1e %9.1e %9.1e\n", slash + 1, mutation_table[row].name,
                    (unsigned long long)w->proposals, w->R, w->ratio, w->balance, w->collapse, w->parts, w->cache, w->fresh);
@@ -349,10 +341,10 @@ static void test_tables(void)
         for (int e = 1; e <= k + 2; e++) {
             double p = bidir_p_d1(k, e);
             sum += p;
-            worse(&worst, relative(p, ref_p_d1(k, e, FAULT_NONE)));
-            if (e <= 5) worse(&worst, relative(p, slide_d1[e - 1] / rest));
+            check_worse(&worst, relative(p, ref_p_d1(k, e, FAULT_NONE)));
+            if (e <= 5) check_worse(&worst, relative(p, slide_d1[e - 1] / rest));
         }
-        worse(&worst, fabs(sum - 1));
+        check_worse(&worst, fabs(sum - 1));
     }
     CHECK_NEAR(worst, 0, 1e-14);
     /* [lecture: Probabilities (2)]: 1/2 for the deleted length, 0.15 beside it */
@@ -364,14 +356,14 @@ static void test_tables(void)
                 for (int k_a = 1; k_a < 64; k_a++) {
                     p[k_a] = bidir_p_a1(k, k_d, k_a, depth);
                     int new_k = k - k_d + k_a;
-                    if (new_k < 1 || new_k > depth) worse(&worst, p[k_a]);
+                    if (new_k < 1 || new_k > depth) check_worse(&worst, p[k_a]);
                     sum += p[k_a];
-                    worse(&worst, relative(p[k_a], ref_p_a1(k, k_d, k_a, depth, FAULT_NONE)));
+                    check_worse(&worst, relative(p[k_a], ref_p_a1(k, k_d, k_a, depth, FAULT_NONE)));
                 }
-                worse(&worst, fabs(sum - 1));
+                check_worse(&worst, fabs(sum - 1));
                 /* 0.5 : 0.15 wherever both are possible */
-                if (p[k_d] > 0 && p[k_d + 1] > 0) worse(&worst, relative(p[k_d] / p[k_d + 1], 0.5 / 0.15));
-                if (p[k_d] > 0 && p[k_d - 1] > 0) worse(&worst, relative(p[k_d] / p[k_d - 1], 0.5 / 0.15));
+                if (p[k_d] > 0 && p[k_d + 1] > 0) check_worse(&worst, relative(p[k_d] / p[k_d + 1], 0.5 / 0.15));
+                if (p[k_d] > 0 && p[k_d - 1] > 0) check_worse(&worst, relative(p[k_d] / p[k_d - 1], 0.5 / 0.15));
             }
     CHECK_NEAR(worst, 0, 1e-13);
     /* far from both cuts nothing is lost: 1/2 + 2 * 0.15 + 2 * 0.1 * (1/2 + 1/4 + ..) = 1 */
@@ -442,18 +434,18 @@ static void example_1(const Tuning *tuning, const Scene *scene, int depth, const
     double f1 = lambert(y, 1), fz = lambert(y, 2), f2 = lambert(y, 3), numerator = f1 * G(y, 1) * fz * G(y, 2) * f2;
     double C_01z2 = f1 * G(y, 1) * fz, C_1z23 = fz * G(y, 2) * f2, C_0123 = f1 * G(x, 1) * f2;
     double S_01z = f1 / p_s, S_z23 = f2 / p_s;                                   /* the latter f_s(z0,x2,x3)/p<, not the slides' reversed S */
-    worse(&e->worst, relative(1 / path_inv_C(y, 1), C_01z2));
-    worse(&e->worst, relative(1 / path_inv_C(y, 2), C_1z23));
-    worse(&e->worst, relative(1 / path_inv_C(x, 1), C_0123));
-    worse(&e->worst, relative(1 / path_inv_S_lens(y, 1), S_01z));
-    worse(&e->worst, relative(1 / path_inv_S_light(y, 3), S_z23));
+    check_worse(&e->worst, relative(1 / path_inv_C(y, 1), C_01z2));
+    check_worse(&e->worst, relative(1 / path_inv_C(y, 2), C_1z23));
+    check_worse(&e->worst, relative(1 / path_inv_C(x, 1), C_0123));
+    check_worse(&e->worst, relative(1 / path_inv_S_lens(y, 1), S_01z));
+    check_worse(&e->worst, relative(1 / path_inv_S_light(y, 3), S_z23));
     /* p_a1 for k = 3: forward k_d = 1, any k_a from 1 to depth - 2; back from k = 4, k_d = 2, k_a >= 1. p_a2 = 1/2 forward, 1 back */
     double sum_x = 0, sum_y = 0;
     for (int k_a = 1; k_a <= depth - 2; k_a++) sum_x += k_a == 1 ? 0.5 : k_a == 2 ? 0.15 : 0.1 * exp2(2 - k_a);
     for (int k_a = 1; k_a <= depth - 2; k_a++) sum_y += k_a == 2 ? 0.5 : k_a == 1 || k_a == 3 ? 0.15 : 0.1 * exp2(3 - k_a);
     double p_a_x = 0.15 / sum_x, p_a_y = 0.15 / sum_y;
     double U = p_a_x / 2 * p_s * G(y, 1) + p_a_x / 2 * p_s * G(y, 2);
-    worse(&e->worst, relative(U / numerator, move->p_a1_x * move->p_a2_x * move->routes_y));
+    check_worse(&e->worst, relative(U / numerator, move->p_a1_x * move->p_a2_x * move->routes_y));
     /* p_d: the slides' 1/4 for one edge, 1/2 for two, cut at k+2; p_d2 = 1/C over the sum of 1/C, which for s = -1 is 1/L_e times a constant.
      * For two edges of y: one vertex regrown from either side, or, with s = -1, picked on a light or hit by chance, or seen from the lens. */
     double L = light_end(x), We = 1 / y->v[4].s.inv_F, We_x = 1 / x->v[3].s.inv_F, p_A = L / scene->power, c = tuning->light_scale;
@@ -467,17 +459,17 @@ static void example_1(const Tuning *tuning, const Scene *scene, int depth, const
     double w_5 = 1 / (f2 * G(y, 3) * We);
     double W_y = w_y[0] + w_y[1] + w_y[2] + w_y[3] + w_5;
     double p_d_x = 0.25 / (1 - 0x1p-5) * ((1 - share) / 5 + share * w_x / W_x), p_d_y = 0.5 / (1 - 0x1p-6) * ((1 - share) / 5 + share * w_y[2] / W_y);
-    worse(&e->worst, relative(p_d_x, move->p_d1_x * move->p_d2_x));
-    worse(&e->worst, relative(p_d_y, move->p_d1_y * move->p_d2_y));
+    check_worse(&e->worst, relative(p_d_x, move->p_d1_x * move->p_d2_x));
+    check_worse(&e->worst, relative(p_d_y, move->p_d1_y * move->p_d2_y));
     double R_yx = chi_of(y) * numerator / (p_d_x * U), R_xy = chi_of(x) * C_0123 / (p_d_y * p_a_y);
-    worse(&e->worst, relative(R_yx, move->R_yx));
-    worse(&e->worst, relative(R_xy, move->R_xy));
+    check_worse(&e->worst, relative(R_yx, move->R_yx));
+    check_worse(&e->worst, relative(R_xy, move->R_xy));
     /* the slides' last line: K (A C/S + B C/S) under C C */
     double last = C_01z2 * C_1z23 / (p_d_x * (p_a_x / 2 * C_01z2 / S_01z + p_a_x / 2 * C_1z23 / S_z23));
-    worse(&e->worst, relative(chi_of(y) * last, move->R_yx));
+    check_worse(&e->worst, relative(chi_of(y) * last, move->R_yx));
     /* planted: the slides' slip, G(x0,x1) for G(x1,z0) */
     double slip = p_a_x / 2 * p_s * G(y, 0) + p_a_x / 2 * p_s * G(y, 2);
-    worse(&e->slip_G, relative(chi_of(y) * numerator / (p_d_x * slip), move->R_yx));
+    check_worse(&e->slip_G, relative(chi_of(y) * numerator / (p_d_x * slip), move->R_yx));
     e->found++;
 }
 
@@ -489,19 +481,19 @@ static void example_2(const Path *x, const Path *y, const Move *move, Example *e
     double back = lambert(x, 1) * G(x, 1) * lambert(x, 2) * G(x, 2) * lambert(x, 3);
     double way_20 = p * G(y, 1) * p * G(y, 2), way_11 = p * G(y, 1) * p * G(y, 3), way_02 = p * G(y, 3) * p * G(y, 2);
     double way_10 = p * G(x, 1), way_01 = p * G(x, 2);
-    worse(&e->worst, relative(1 / path_inv_C(y, 2), lambert(y, 2) * G(y, 2) * lambert(y, 3)));
-    worse(&e->worst, relative(1 / path_inv_S_lens(y, 1), lambert(y, 1) / p));
-    worse(&e->worst, relative(1 / path_inv_S_light(y, 4), lambert(y, 4) / p));
-    worse(&e->worst, relative(move->p_a2_x, 1.0L / 3));
-    worse(&e->worst, relative(move->p_a2_y, 0.5));
-    worse(&e->worst, relative(move->routes_y, (way_20 + way_11 + way_02) / numerator));
-    worse(&e->worst, relative(move->routes_x, (way_10 + way_01) / back));
+    check_worse(&e->worst, relative(1 / path_inv_C(y, 2), lambert(y, 2) * G(y, 2) * lambert(y, 3)));
+    check_worse(&e->worst, relative(1 / path_inv_S_lens(y, 1), lambert(y, 1) / p));
+    check_worse(&e->worst, relative(1 / path_inv_S_light(y, 4), lambert(y, 4) / p));
+    check_worse(&e->worst, relative(move->p_a2_x, 1.0L / 3));
+    check_worse(&e->worst, relative(move->p_a2_y, 0.5));
+    check_worse(&e->worst, relative(move->routes_y, (way_20 + way_11 + way_02) / numerator));
+    check_worse(&e->worst, relative(move->routes_x, (way_10 + way_01) / back));
     double T_yx = move->p_d1_x * move->p_d2_x * move->p_a1_x / 3 * (way_20 + way_11 + way_02);
     double T_xy = move->p_d1_y * move->p_d2_y * move->p_a1_y / 2 * (way_10 + way_01);
-    worse(&e->worst, relative(chi_of(y) * numerator / T_yx, move->R_yx));
-    worse(&e->worst, relative(chi_of(x) * back / T_xy, move->R_xy));
+    check_worse(&e->worst, relative(chi_of(y) * numerator / T_yx, move->R_yx));
+    check_worse(&e->worst, relative(chi_of(x) * back / T_xy, move->R_xy));
     /* planted: only the route that was taken */
-    worse(&e->slip_G, relative(chi_of(y) * numerator / (T_yx * way_11 / (way_20 + way_11 + way_02)), move->R_yx));
+    check_worse(&e->slip_G, relative(chi_of(y) * numerator / (T_yx * way_11 / (way_20 + way_11 + way_02)), move->R_yx));
     e->found++;
 }
 
@@ -570,9 +562,7 @@ static double deviate(const Histogram *a, const Histogram *b)
         df++;
         pa = pb = va = vb = 0;
     }
-    if (df == 0) return NAN;
-    double v = 2 / (9.0 * df);
-    return (cbrt(chi2 / df) - 1 + v) / sqrt(v);
+    return df > 0 ? chi_square_deviate(chi2, df) : NAN;
 }
 
 /* Upper tail of 1e-9: some 40 such comparisons leave the family's false-alarm rate below 1e-7. */
@@ -621,8 +611,7 @@ static double labels(const Stage *stage, const Path *x, uint64_t n, uint64_t see
     double left = 0;
     for (int c = 0; c < CELLS; c++) left += seen.sum[c];
     if (rest * (double)n > 25) { chi2 += pow(left - rest * (double)n, 2) / (rest * (double)n); df++; }
-    double v = 2 / (9.0 * (df - 1));
-    return (cbrt(chi2 / (df - 1)) - 1 + v) / sqrt(v);
+    return chi_square_deviate(chi2, df - 1);
 }
 
 /* A label that replaces one vertex, x_i, between x_s = x_{i-1} and x_t = x_{i+1}: T = p_d p_a1 (p>(x_s) G + p<(x_t) G) / 2 per dA.

@@ -1,28 +1,14 @@
 /* Scenes in which things lie in one place: what rays find is what was sampled, whatever side they come from. And where a texture lies. */
 #include "check.h"
+#include "folder.h"
 #include "scene.h"
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
-
-static char folder[256];
-
-static void write_text(const char *name, const char *text)
-{
-    char path[400];
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    FILE *f = fopen(path, "wb");
-    if (!f || fputs(text, f) < 0 || fclose(f) != 0) { perror(path); exit(2); }
-}
 
 static bool load(Scene *s, const char *obj, Vec3 eye, Vec3 look)
 {
-    char path[400];
     Report report = { .warnings = NULL };
     CameraSettings camera = { .has_eye = true, .eye = eye, .has_look = true, .look = look };
-    write_text("a.obj", obj);
-    snprintf(path, sizeof path, "%s/a.obj", folder);
-    bool ok = scene_load(s, path, &camera, BVH_FAST, &report);
+    folder_write_text("a.obj", obj);
+    bool ok = scene_load(s, folder_path("a.obj"), &camera, BVH_FAST, &report);
     if (!CHECK(ok)) printf("%s\n", report.error);
     return ok;
 }
@@ -56,7 +42,7 @@ static int look_at_lamp(const Scene *s, double y)
 static void test_lamps(void)
 {
     Scene s;
-    write_text("a.mtl", mtl);
+    folder_write_text("a.mtl", mtl);
     static const char ceiling[] = "mtllib a.mtl\nv -1 0.3 -1\nv 1 0.3 -1\nv 1 0.3 1\nv -1 0.3 1\nv 0 -1 0\nv 1 -1 0\nv 0 -1 1\nusemtl wall\nf 1 2 3 4\nf 5 6 7\n"
                                   "usemtl lamp\n" LAMP "f -4 -3 -2 -1\n";
     if (load(&s, ceiling, vec3(0, -0.5, 3), vec3(0, 0, 0))) {        /* below the ceiling, and shining down */
@@ -145,12 +131,12 @@ static void test_textures(void)
         { "-o 0.25", 0.125, 0.75, 1 }, { "-o 0 0.5 9", 0.375, 0.25, 1 }, { "-o -0.25", 0.625, 0.75, 1 }, { "-s 2 1 1 -o 0.5 0", 0.4375, 0.75, 1 },
         { "-clamp on -o -1 0", 0.6, 0.25, 1 }, { "-clamp on -s 3 1", 0.9, 0.25, 0 },
     };
-    write_text("t.ppm", "P3 4 2 255  0 0 0 255 255 255 0 0 0 0 0 0  255 255 255 0 0 0 0 0 0 0 0 0\n");
+    folder_write_text("t.ppm", "P3 4 2 255  0 0 0 255 255 255 0 0 0 0 0 0  255 255 255 0 0 0 0 0 0 0 0 0\n");
     for (size_t i = 0; i < sizeof list / sizeof list[0]; i++) {
         char text[200];
         Scene s;
         snprintf(text, sizeof text, "newmtl paper\nmap_Kd %s t.ppm\n", list[i].options);
-        write_text("a.mtl", text);
+        folder_write_text("a.mtl", text);
         if (!load(&s, "mtllib a.mtl\nusemtl paper\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n", vec3(0, 0, 3), vec3(0, 0, 0))) return;
         if (!CHECK_NEAR(shown(&s, list[i].u, list[i].v), list[i].value, 1e-5)) printf("    %s at %g %g\n", list[i].options, list[i].u, list[i].v);
         scene_free(&s);
@@ -159,17 +145,8 @@ static void test_textures(void)
 
 int main(void)
 {
-    const char *temporary = getenv("TMPDIR"), *const files[] = { "a.obj", "a.mtl", "t.ppm" };
-    snprintf(folder, sizeof folder, "%s/test_scene-XXXXXX", temporary && strlen(temporary) < 200 ? temporary : "/tmp");
-    if (!mkdtemp(folder)) { perror(folder); return 1; }
     test_lamps();
     test_eye();
     test_textures();
-    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
-        char path[400];
-        snprintf(path, sizeof path, "%s/%s", folder, files[i]);
-        unlink(path);
-    }
-    rmdir(folder);
     return check_report();
 }
