@@ -500,6 +500,60 @@ if [ -p out/pipe.pfm ]; then wait $!; else kill $!; fi
 check 'a picture to a pipe: all of it' cmp out/a.pfm piped.pfm
 sweep
 
+# ---- runs that are cut short, shortened or lengthened ----
+
+# Every picture has all of its light, however early it is written: a sample in every pixel comes first.
+has_light() { "$mlt" compare "$1" "$2" | awk '/^ratio_of_means/ { ok = $2 > 0.75 && $2 < 1.25 } END { exit !ok }'; }
+expect 0 "$shipped/cornell.obj" --integrator path -n 4 -s 256x256 -o out/path.pfm
+for seconds in 0.2 1 2; do
+    expect 0 "$shipped/cornell.obj" -t $seconds -s 256x256 -o out/a.pfm
+    check "light after $seconds s" has_light out/a.pfm out/path.pfm
+done
+"$mlt" "$shipped/cornell.obj" -q -n 20000 -s 256x256 -o out/a.pfm &
+sleep 1
+kill -INT $!
+wait $!
+check 'light of a run interrupted early' has_light out/a.pfm out/path.pfm
+
+# ends SECONDS ARGUMENT...: the run ends by itself
+ends()
+{
+    limit=$1
+    shift
+    "$mlt" "$@" >stdout 2>stderr &
+    for tick in $(seq $((10 * limit))); do
+        kill -0 $! 2>/dev/null || break
+        sleep 0.1
+    done
+    ! kill -KILL $! 2>/dev/null
+}
+run room.obj -n 100 --save out/saved
+check 'half of what is there already' ends 30 room.obj -n 50 --resume out/saved
+"$mlt" room.obj -q -n 1e7 --save out/saved &
+sleep 1
+kill -INT $!
+wait $!
+check 'much less than was begun' ends 30 room.obj -n 20 --resume out/saved
+check 'the clock before --bootstrap' ends 20 room.obj -t 1 --bootstrap 1e8
+"$mlt" room.obj -q -n 10 --bootstrap 1e8 &
+start=$(date +%s)
+sleep 1
+kill -INT $!
+wait $!
+check 'an interrupted bootstrap' test $(($(date +%s) - start)) -lt 15
+
+expect 0 room.obj -e 0.2 --save out/saved --stats out/before
+expect 0 room.obj -n 20000 --resume out/saved --stats out/after
+check 'a run that had reached its error goes on' test "$(value mutations out/after)" -gt "$(value mutations out/before)"
+
+"$mlt" "$shipped/caustic.obj" -q -t 60 -s 32x32 --save out/saved &
+sleep 2
+kill -TERM $!
+wait $!
+expect 0 "$shipped/caustic.obj" -t 3 -s 32x32 --resume out/saved --stats out/after
+check 'chains get their part of a resumed run' test "$(value seconds_chain out/after | cut -d. -f1)" -gt 1
+sweep
+
 # ---- counters ----
 
 # Reads JSON as RFC 8259 has it, numbers of which the reader could not make sense included; silent if it is well-formed.
