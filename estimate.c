@@ -48,7 +48,8 @@ static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
         const double *sum = p->sum + 3 * pixel, *square = p->square + 3 * pixel;
         for (int i = 0; i < 3; i++) {
             e.value[i] = sum[i] * inv_n;
-            e.sampled_variance[i] = n > 1 ? larger(0, square[i] * inv_n - e.value[i] * e.value[i]) * rest : square[i];   /* one sample is no more than a guess */
+            /* one sample is no more than a guess */
+            e.sampled_variance[i] = n > 1 ? larger(0, square[i] * inv_n - e.value[i] * e.value[i]) * rest : square[i];
             if (of->light > 0) {
                 e.value[i] += of->light * p->light[3 * pixel + (size_t)i];
                 e.sampled_variance[i] += of->light * of->light * p->light_square[3 * pixel + (size_t)i];
@@ -225,7 +226,8 @@ static void learn_agreement(Render *r, double mean)
         if (rounds > 1) chain_variance = fmax(0, tile->square / r->steps_sum - chain * chain) / (rounds - 1);
         energy += values[t] * chain;
         unevenness += values[t] * values[t] * chain_variance;
-        s->largest_tile_error = fmax(s->largest_tile_error, sqrt((variance[t] / (values[t] * values[t]) + chain_variance) / (value * value + 0.01 * mean * mean)));
+        double relative_variance = (variance[t] / (values[t] * values[t]) + chain_variance) / (value * value + 0.01 * mean * mean);
+        s->largest_tile_error = fmax(s->largest_tile_error, sqrt(relative_variance));
         if (rounds < LEAST_ROUNDS) continue;
         double others = (tile->sum - tile->largest) / r->steps_sum * (rounds / (rounds - 1));
         s->tiles_disagreeing += tile->largest > 0.5 * tile->sum && chain - others > 0.1 * value + 0.01 * mean;
@@ -275,7 +277,8 @@ void run_learn(Render *r)
         bool known = !r->has_chain || r->stats.b == 0 || r->steps_square < r->steps_sum * r->steps_sum;
         r->relative_error = known && sampled_twice ? sqrt((sampled + chain) / values) : NAN;
         if (known && r->has_chain && r->stats.b > 0) {
-            if (r->has_direct) r->direct_share = best_share(sampled, r->passes.rays, chain, r->stats.chain_rays + r->stats.start_rays, r->settings->seconds > 0 ? 50 : 4);
+            uint64_t chain_rays = r->stats.chain_rays + r->stats.start_rays;
+            if (r->has_direct) r->direct_share = best_share(sampled, r->passes.rays, chain, chain_rays, r->settings->seconds > 0 ? 50 : 4);
             r->chain_error = chain / values;
             /* what the uncertain b alone contributes */
             double relative_b = r->b_variance_sum / (r->b_sum * r->b_sum), by_b = relative_b * chain_energy;

@@ -5,8 +5,8 @@
  * shared b would hide its own), and a round may use what earlier ones have learned: the two-stage weight w ~ 1/picture, and the shares of work.
  *
  * With direct light apart, the integrand is divided. The path tracer has all direct light; of an indirect path that it finds with a value above
- * tau times the picture it keeps so much that the value is just that, and all of the others; the chains get the rest. The path tracer's values are bounded
- * then, and the chains need not visit what is easy. (To cap the values leaves the chains the least for a given second moment.) How much of a
+ * tau times the picture it keeps so much that the value is just that, and all of the others; the chains get the rest. The path tracer's values
+ * are bounded then, and the chains need not visit what is easy. (To cap the values leaves the chains the least for a given second moment.) How much of a
  * path is whose depends on the path and on thresholds that a pilot has set, whose own picture is thrown away.
  *
  * Every round and every chain has its own random stream, so the state of a run is a few pictures and counters.
@@ -19,9 +19,6 @@
 enum {
     PILOTS = 4,                    /* short rounds that teach, a hundredth of the work each, and are thrown away */
     ROUNDS = 16,                   /* that make the picture */
-    CUTS = 19, FIRST_CUT = -8,     /* tau that are weighed: 2^-8 .. 2^10 times the picture's own value */
-    SURVEY = 4000,                 /* samples for that */
-    DIRECT_MOST = 4,               /* times the picture's value: what a sample of direct light may count there */
     PILOT_STEPS = 8,               /* mutations per pixel that a pilot round needs at most */
     LEARN_STEPS = 2,               /* mutations per pixel after which it pays to learn again: that costs as much as some 0.1 */
     SLICE = 16384,                 /* steps between two looks at the clock */
@@ -52,8 +49,9 @@ Render *render_new(const Scene *scene, const Settings *settings)
     } else r->has_direct = true;
     size_t doubles = 3 * r->pixels;
     bool ok = (r->bdpt = bdpt_new()) && (r->x = malloc(sizeof *r->x)) && (r->y = malloc(sizeof *r->y));
-    if (r->has_direct) ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.count = calloc(scene->camera.height, 4))
-        && (r->passes.direct = calloc(r->pixels, 8));
+    if (r->has_direct)
+        ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.direct = calloc(r->pixels, 8))
+            && (r->passes.count = calloc(scene->camera.height, 4));
     if (settings->integrator == INTEGRATOR_BDPT) ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)
         ok = ok && (r->film = aligned_alloc(sizeof *r->film, r->pixels * sizeof *r->film)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8));
@@ -74,7 +72,8 @@ void render_free(Render *r)
 {
     if (!r) return;
     bdpt_free(r->bdpt);
-    void *owned[] = { r->x, r->y, r->passes.sum, r->passes.square, r->passes.direct, r->passes.count, r->passes.light, r->passes.light_square, r->film, r->sum, r->square, r };
+    Passes *p = &r->passes;
+    void *owned[] = { r->x, r->y, p->sum, p->square, p->direct, p->count, p->light, p->light_square, r->film, r->sum, r->square, r };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
 }
 
@@ -206,7 +205,8 @@ static bool plan_round(Render *r)
     const Settings *s = r->settings;
     double total = s->per_pixel * (double)r->pixels, left = (double)r->last_round - (double)r->rounds, share = r->rounds < PILOTS ? 0.01 : 1 / left;
     if (r->rounds >= PILOTS && total > 0 && r->steps_sum >= total) return false;    /* an earlier run has done as much */
-    Round round = { .phase = CHAINS, .planned = total > 0 || s->seconds > 0 ? INFINITY : 16 * (double)r->pixels, .deadline = INFINITY, .chain_deadline = INFINITY };
+    Round round = { .phase = CHAINS, .planned = INFINITY, .deadline = INFINITY, .chain_deadline = INFINITY };
+    if (total == 0 && s->seconds == 0) round.planned = 16 * (double)r->pixels;
     if (isinf(round.planned) && left <= 0) return false;
     if (total > 0) round.planned = floor((total - r->steps_sum) * share + 0.5);
     if (r->rounds < PILOTS) round.planned = fmin(round.planned, PILOT_STEPS * (double)r->pixels);
@@ -325,84 +325,6 @@ void run_close_chains(Render *r)
     r->round.steps = r->round.b = r->round.b_variance = 0;
 }
 
-void run_divide(Render *r)
-{
-    r->direct_space.direct = DIRECT_INCLUDED;
-    r->direct_space.part = CAPPED;
-    r->chain_space.part = REST;
-}
-
-/* For each tau: the share of the picture that is left to the chains, and the second moment of the path tracer's capped estimate, both relative to
- * the picture and summed over samples. The moment twice: of samples of the path tracer ('one' collects one sample), which knows how paths of
- * one sample go together, and from bidirectional samples path by path, which knows what the path tracer finds too rarely. Direct light is bounded: a
- * lamp that fills little of a pixel may be missing from the pilot's picture, and one sample of it would decide. */
-typedef struct { const Pixel *film; double indirect, left[CUTS], expected_moment[CUTS], moment[CUTS], mean[CUTS], one[CUTS]; } Survey;
-
-static void survey_candidate(void *context, const Candidate *c)
-{
-    Survey *s = context;
-    double picture = (double)s->film[c->pixel].threshold, share = luminance(c->rgb) / picture, value = c->traced / picture;
-    if (!isfinite(share)) return;
-    if (c->direct) {
-        share = fmin(share, DIRECT_MOST);
-        value = fmin(value, DIRECT_MOST);
-    } else s->indirect += share;
-    double tau = ldexp(1, FIRST_CUT);
-    for (int i = 0; i < CUTS; i++, tau *= 2) {
-        double kept = c->direct || value <= tau ? 1 : tau / value;
-        s->left[i] += share * (1 - kept);
-        if (isfinite(kept * value)) s->expected_moment[i] += share * kept * kept * value;
-    }
-}
-
-static void survey_traced(void *context, const Candidate *c)
-{
-    Survey *s = context;
-    double picture = (double)s->film[c->pixel].threshold, share = luminance(c->rgb) / picture, value = c->traced / picture;
-    if (!isfinite(share) || !(share > 0)) return;
-    if (c->direct) share = fmin(share, DIRECT_MOST);
-    double tau = ldexp(1, FIRST_CUT);
-    for (int i = 0; i < CUTS; i++, tau *= 2) s->one[i] += share * (c->direct || value <= tau ? 1 : tau / value);
-}
-
-/* Where to divide the integrand. Error times rays of the path tracer is its second moment, bounded by tau. That of the chains was measured by the
- * pilot, and goes with the square of the share of the picture that is left to them; bidirectional samples tell that share even where the path
- * tracer itself would find nothing for long. Spent in the best proportion, both together have (sqrt(a) + sqrt(b))^2. Scales the thresholds. */
-static void survey(Render *r)
-{
-    const Camera *camera = &r->scene->camera;
-    Survey s = { .film = r->film };
-    Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED };
-    Rng rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) - 1);
-    uint64_t *rays = r->scene->rays, before;
-    for (int i = 0; i < SURVEY; i++)
-        bdpt_sample(r->bdpt, &all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, &rng, survey_candidate, &s);
-    before = *rays;
-    for (int i = 0; i < SURVEY; i++) {
-        const double light[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
-        memset(s.one, 0, sizeof s.one);
-        path_trace(&all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, light, &rng, survey_traced, &s);
-        for (int k = 0; k < CUTS; k++) {
-            s.moment[k] += s.one[k] * s.one[k];
-            s.mean[k] += s.one[k] / SURVEY;
-        }
-    }
-    double traced_rays = (double)(*rays - before) / SURVEY, best = INFINITY, tau = 1;
-    /* A short pilot rather misses what is rare: its error is taken half as large again. */
-    double chain = sqrt(1.5 * r->chain_error * (double)(r->stats.chain_rays + r->stats.start_rays) / (double)r->pixels);
-    for (int i = 0; i < CUTS; i++) {
-        double moment = fmax(s.moment[i], s.expected_moment[i]) / SURVEY, variance = fmax(moment - s.mean[i] * s.mean[i], 0.02 * moment);
-        double path = sqrt(variance * traced_rays), rest = s.left[i] > 0 ? chain * s.left[i] / s.indirect : 0;
-        if (pow(path + rest, 2) < 0.98 * best) {   /* a higher cap has to promise something: so few samples know little of rare values */
-            best = pow(path + rest, 2);
-            tau = ldexp(1, FIRST_CUT + i);
-            r->direct_share = path / rest;
-        }
-    }
-    for (size_t i = 0; i < r->pixels; i++) r->film[i].threshold = (float)(tau * (double)r->film[i].threshold);
-    if (!(r->direct_share < 50)) r->direct_share = 50;
-}
-
 /* Forgets the pilot but for what it has taught. */
 static void end_pilot(Render *r)
 {
@@ -418,7 +340,7 @@ static void end_pilot(Render *r)
     r->stats.bootstrap_samples = r->stats.bootstrap_hits = 0;
     r->stats.b = 0;
     if (r->has_direct) {
-        survey(r);
+        run_survey(r);
         run_divide(r);
     }
     r->stats.start_rays = r->stats.chain_rays = 0;
@@ -484,6 +406,7 @@ static bool run_passes(Render *r)
 {
     const Settings *s = r->settings;
     uint64_t height = r->scene->camera.height, rows = s->per_pixel > 0 ? (uint64_t)ceil(s->per_pixel * (double)height) : UINT64_MAX, look = 2 * height;
+    one_pass(r);
     double start = clock_now();
     while (r->passes.rows < rows && going(r) && in_time(r, s->start + s->seconds)) {
         sample_row(r);
@@ -498,7 +421,8 @@ static bool run_passes(Render *r)
     return true;
 }
 
-/* Where nothing is left of what an earlier run was asked for, a resumed one ends at once; with more asked for it has as many rounds again for the rest. */
+/* Where nothing is left of what an earlier run was asked for, a resumed one ends at once; with more asked for it has as many rounds again for
+ * the rest. A round that was interrupted goes on, on this run's clock. */
 void run_go_on(Render *r)
 {
     if (r->round.phase == PLAN) {

@@ -71,4 +71,6 @@ void run_learn(Render *render);
 void run_go_on(Render *render);
 /* Divides the integrand at the thresholds: capped values to the path tracer, the rest to the chains. */
 void run_divide(Render *render);
+/* Chooses the thresholds by what the pilot has left in them, the picture's own brightness, and the shares of work to begin with. */
+void run_survey(Render *render);
 #endif
