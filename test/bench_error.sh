@@ -5,7 +5,7 @@
 #
 # SECONDS is one number (2), and then mlt is also run with one strategy left out at a time; or several ('0.5 1 2 4', which is the default), and then
 # error is followed over time for path, bdpt, mlt with bidirectional mutations alone, and mlt. Loading and start-up count. SCENES in the
-# environment names other scenes. What comes out is FOLDER/error.csv or FOLDER/ways.csv, a table, and, over time, a slope for each way and
+# environment names other scenes, FILM (1) a factor on the films' width and height. What comes out is FOLDER/error.csv or FOLDER/ways.csv, a table, and, over time, a slope for each way and
 # FOLDER/error-SCENE.svg (test/bench_plot.c). The default takes 25 minutes, one number 7 minutes a second.
 #
 # The films are small, so that few seconds stand for the minutes of a large one. References are kept in FOLDER and used again: by the path
@@ -16,7 +16,8 @@ seeds=${3:-8}
 reference=${4:-60}
 folder=${5:-build/bench}
 mkdir -p "$folder" || exit 1
-size() { case $1 in cornell) echo 64x64 ;; glossy) echo 96x64 ;; *) echo 80x60 ;; esac; }
+film=${FILM:-1}
+size() { case $1 in cornell) echo $((64 * film))x$((64 * film)) ;; glossy) echo $((96 * film))x$((64 * film)) ;; *) echo $((80 * film))x$((60 * film)) ;; esac; }
 how() { case $1 in cornell | glossy) echo path ;; *) echo mlt ;; esac; }
 case $seconds in *' '*) name=error ;; *) name=ways ;; esac
 csv=$folder/$name.csv
