@@ -369,7 +369,8 @@ static bool run_chains(Render *r)
     const Settings *s = r->settings;
     if (r->has_direct) one_pass(r);
     while (going(r)) {
-        if (r->round.phase == PLAN && !plan_round(r)) break;
+        bool good_enough = s->error > 0 && r->rounds > PILOTS + 3 && r->relative_error <= s->error;
+        if (r->round.phase == PLAN && (good_enough || !plan_round(r))) break;
         if (r->round.phase == CHAINS) {
             if (!run_round(r)) return false;
             if (!going(r)) break;
@@ -397,7 +398,6 @@ static bool run_chains(Render *r)
         }
         if (r->rounds == PILOTS) end_pilot(r);
         r->round.phase = PLAN;
-        if (s->error > 0 && r->rounds > PILOTS + 3 && r->relative_error <= s->error) break;
     }
     return true;
 }

@@ -544,6 +544,9 @@ check 'an interrupted bootstrap' test $(($(date +%s) - start)) -lt 15
 
 expect 0 room.obj -e 0.2 --save out/saved --stats out/before
 expect 0 room.obj -n 20000 --resume out/saved --stats out/after
+expect 0 room.obj -e 0.2 -o out/once.pfm --save out/saved
+expect 0 room.obj -e 0.2 -o out/again.pfm --resume out/saved
+check 'a run that has reached its error is done' cmp out/once.pfm out/again.pfm
 check 'a run that had reached its error goes on' test "$(value mutations out/after)" -gt "$(value mutations out/before)"
 
 "$mlt" "$shipped/caustic.obj" -q -t 60 -s 32x32 --save out/saved &
