@@ -1,5 +1,5 @@
 /* Feeds arbitrary bytes to the readers of pictures. As a libFuzzer target:
- *     clang -g -O1 -DFUZZ_LIBFUZZER -fsanitize=fuzzer,address,undefined test/fuzz_image.c image.c texture.c -lm
+ *     clang -g -O1 -DFUZZ_LIBFUZZER -fsanitize=fuzzer,address,undefined test/fuzz_image.c image.c texture.c output.c -lm
  *     ./a.out -max_len=4096 corpus-to-grow test/corpus/image
  * Without FUZZ_LIBFUZZER a program that runs the files given to it, to look at a crash or to run the corpus as a test. */
 #include "../image.h"
