@@ -1,4 +1,4 @@
-/* Path tracing and bidirectional path tracing. [Veach ch. 9 and 10]
+/* Bidirectional path tracing. [Veach ch. 10]
  *
  * The bidirectional weight needs no densities of its own: with the balance heuristic a candidate counts f / (sum of p over all techniques),
  * and that sum over f is path_routes(-1, k+1), made of 1/C and 1/S. Only the two joined vertices differ from one technique to the next,
@@ -19,6 +19,7 @@ struct Bdpt {
     double alpha[MAX_EDGES + 1], beta[MAX_EDGES + 1], plain[MAX_EDGES + 1];   /* plain: alpha without Russian roulette */
     Rgb light_colour[MAX_EDGES + 1], lens_colour[MAX_EDGES + 1];   /* products of colour up to and with this vertex */
     int lens_diffuse[MAX_EDGES + 1];           /* non-specular vertices among lens vertices 1..j */
+    double lens_q[MAX_EDGES + 1];              /* product of the modes' chances at them */
 };
 
 Bdpt *bdpt_new(void) { return malloc(sizeof(Bdpt)); }
@@ -76,6 +77,7 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
     b->beta[0] = 0;
     b->lens_colour[0] = vec3(1, 1, 1);
     b->lens_diffuse[0] = 0;
+    b->lens_q[0] = 1;
     if (!path_look(space, p, x, y) || !path_scatter(space, p, p->k)) return false;
     b->n_lens = 2;
     for (int j = 1; j < space->max_depth; j++) {
@@ -88,23 +90,25 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
         b->beta[j] = b->alpha[j - 1] * path_inv_C(p, i) + b->beta[j - 1] * p->v[i].s.inv_S_lens;
         b->lens_colour[j] = mul(b->lens_colour[j - 1], p->v[i].s.colour);
         b->lens_diffuse[j] = b->lens_diffuse[j - 1] + (p->v[i].mode == MODE_NONE);
+        b->lens_q[j] = b->lens_q[j - 1] * p->v[i].s.q;
         b->n_lens = j + 2;
     }
     return true;
 }
 
 /* Direct light is L D? S* E: of the lens vertices 1 .. k-2 none may be non-specular, and the joined ones always are. */
-static bool is_direct(const Bdpt *b, int n_light, int n_lens)
+static Reach reach(const Bdpt *b, int n_light, int n_lens)
 {
     int k = n_light + n_lens - 1;
-    return k < 3 || (n_light <= 1 && b->lens_diffuse[k - 2] == 0);
+    if (k >= 3 && (n_light > 1 || b->lens_diffuse[k - 2] > 0)) return REACH_INDIRECT;
+    return n_light == 0 && k >= 2 && b->lens_diffuse[k - 1] == 0 ? REACH_SEEN : REACH_DIRECT;
 }
 
 static bool counts(const Bdpt *b, const Space *space, int n_light, int n_lens)
 {
     int k = n_light + n_lens - 1;
     if (k > space->max_depth) return false;
-    return space->direct == DIRECT_INCLUDED || is_direct(b, n_light, n_lens) == (space->direct == DIRECT_ONLY);
+    return space->direct == DIRECT_INCLUDED || (reach(b, n_light, n_lens) != REACH_INDIRECT) == (space->direct == DIRECT_ONLY);
 }
 
 /* One more vertex in the recurrence of path_routes; 'r' is what Russian roulette has put into to->inv_S_light. */
@@ -178,15 +182,16 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
     }
     if (n_light + n_lens == 2) traced = n_light == 0 ? at_lens.inv_F : b->traced[0];   /* a path tracer samples no light to the lens itself */
     c->pixel = (uint32_t)y * space->scene->camera.width + (uint32_t)x;
+    c->reach = reach(b, n_light, n_lens);
     c->traced = luminance(colour) / traced;
-    c->direct = is_direct(b, n_light, n_lens);
-    double share = space_share(space, c->pixel, c->traced, c->direct);
-    if (!(share > 0)) return false;
+    if (c->reach != REACH_INDIRECT && n_lens > 1) c->traced *= b->lens_q[n_lens - 2];
+    c->share = space_share(space, c->pixel, c->traced, c->reach);
+    if (!(c->share > 0)) return false;
     if (n_light > 0 && !scene_visible(space->scene, &b->light.v[n_light - 1].point, &lens->point)) return false;
     c->n_light = n_light;
     c->n_lens = n_lens;
     c->rgb = scale(1 / total, colour);
-    c->weight = share * luminance(c->rgb) * (space->film ? (double)space->film[c->pixel].weight : 1);
+    c->weight = c->share * luminance(c->rgb) * (space->film ? (double)space->film[c->pixel].weight : 1);
     return c->weight > 0;
 }
 
@@ -207,7 +212,7 @@ const char *const path_class_name[CLASSES] = {
 
 PathClass bdpt_class(const Bdpt *b, const Candidate *c)
 {
-    if (c->direct) return CLASS_DIRECT;
+    if (c->reach != REACH_INDIRECT) return CLASS_DIRECT;
     /* specular vertices: light 1 .. last_light, lens 1 .. last_lens; those joined never are */
     int last_light = c->n_light - 2, last_lens = c->n_lens - 2;
     bool at_lens = last_lens > 0 && lens_vertex(b, 1)->mode != MODE_NONE, at_light, any = last_lens > 0 && b->lens_diffuse[last_lens] < last_lens;
@@ -227,98 +232,4 @@ bool bdpt_path(const Bdpt *b, const Space *space, int n_light, int n_lens, Path 
     if (n_light > 0) out->v[n_light - 1].mode = MODE_NONE;
     out->v[n_light].mode = MODE_NONE;
     return path_evaluate(space, out);
-}
-
-/* Light that one light sample sends over the surface towards 'known', times throughput still to come, with its weight against the
- * chance that scattering finds the same emitter point. */
-static Rgb sampled_light(const Space *space, const Point *at, Vec3 known, const double u[3])
-{
-    Point light;
-    Scatter s;
-    scene_sample_light(space->scene, u, &light);
-    Vec3 d = sub(light.p, at->p);
-    double squared = dot(d, d);
-    Vec3 w = scale(1 / sqrt(squared), d);
-    double cos_light = -dot(w, light.surface.ng), cos_here = fabs(dot(w, at->surface.ng));
-    if (!(squared > 0) || cos_light <= 0 || !bsdf_scatter(&at->surface, w, known, MODE_NONE, &s)) return vec3(0, 0, 0);
-    const Material *m = light.surface.material;
-    double pdf_a = scene_light_pdf_a(space->scene, m), G = cos_light * cos_here / squared;
-    double scattering_pdf_a = bsdf_pdf_pw(&at->surface, known, w) * G;
-    if (!scene_visible(space->scene, at, &light)) return vec3(0, 0, 0);
-    return scale(G / (s.inv_F * (pdf_a + scattering_pdf_a)), mul(m->ke, s.colour));
-}
-
-/* What a path tracer has found so far, and for whom. */
-typedef struct {
-    const Space *space;
-    uint32_t pixel;
-    double survived;               /* product of the chances of Russian roulette so far: path_traced_value leaves it out */
-    Rgb sum;
-    void (*visit)(void *context, const Candidate *);
-    void *context;
-} Found;
-
-static void find(Found *f, Rgb rgb, bool direct)
-{
-    double value = luminance(rgb) * f->survived;
-    f->sum = along(f->sum, space_share(f->space, f->pixel, value, direct), rgb);
-    if (f->visit) f->visit(f->context, &(Candidate){ .pixel = f->pixel, .rgb = rgb, .traced = value, .direct = direct });
-}
-
-Rgb path_trace(const Space *space, double x, double y, const double light[3], Rng *rng, void (*visit)(void *context, const Candidate *),
-               void *context)
-{
-    const Scene *scene = space->scene;
-    Rgb throughput = vec3(1, 1, 1);
-    if (scene->n_lights == 0) return vec3(0, 0, 0);
-    uint32_t width = scene->camera.width, column = (uint32_t)x, row = (uint32_t)y;   /* rounding may have put the position on the far edge */
-    uint32_t pixel = (row < scene->camera.height ? row : row - 1) * width + (column < width ? column : width - 1);
-    Found found = { space, pixel, 1, { 0, 0, 0 }, visit, context };
-    Point at, next;
-    camera_sample_lens(&scene->camera, rng, &at);
-    Vec3 w = camera_direction(&scene->camera, &at, x, y), known = w;
-    Mode mode = MODE_NONE;
-    int diffuse = 0;                           /* non-specular vertices so far */
-    double pdf_pw = 0;                         /* of the last direction, if light sampling competes with it; else 0 */
-    for (int edges = 1; edges <= space->max_depth; edges++) {
-        if (!scene_trace(scene, &at, w, &next)) break;
-        w = normalize(sub(next.p, at.p));      /* of the points themselves: what scatters is a function of the path alone */
-        bool specular = edges > 1 && material_is_specular(at.surface.material);
-        if (edges > 1) {
-            Scatter s;
-            if (!bsdf_scatter(&at.surface, w, known, mode, &s) || !(s.inv_S_light > 0)) break;
-            throughput = mul(throughput, scale(1 / s.inv_S_light, s.colour));
-            pdf_pw = specular ? 0 : s.inv_S_light / s.inv_F;
-        }
-        const Material *m = next.surface.material;
-        double cos_light = -dot(w, next.surface.ng);
-        bool direct = diffuse == 0 || (diffuse == 1 && pdf_pw > 0);
-        if (material_emits(m) && cos_light > 0 && (space->direct == DIRECT_INCLUDED || direct == (space->direct == DIRECT_ONLY))) {
-            double share = 1;
-            if (pdf_pw > 0) {
-                Vec3 d = sub(next.p, at.p);
-                double scattering_pdf_a = pdf_pw * cos_light * fabs(dot(w, at.surface.ng)) / dot(d, d);
-                share = scattering_pdf_a / (scattering_pdf_a + scene_light_pdf_a(scene, m));
-            }
-            find(&found, scale(share, mul(throughput, m->ke)), direct);
-        }
-        if (edges == space->max_depth) break;
-        at = next;
-        known = neg(w);
-        specular = material_is_specular(m);
-        if (!specular) {
-            direct = diffuse == 0;
-            if (space->direct == DIRECT_INCLUDED || direct == (space->direct == DIRECT_ONLY)) {
-                const double random[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
-                find(&found, mul(throughput, sampled_light(space, &at, known, direct ? light : random)), direct);
-            }
-            diffuse++;
-        }
-        if (space->direct == DIRECT_ONLY && (diffuse > 1 || (diffuse == 1 && specular))) break;
-        double survive = edges < 3 ? 1 : fmin(1, max3(throughput));
-        if (rng_double(rng) >= survive || !bsdf_sample(&at.surface, known, rng, &w, &mode)) break;
-        throughput = scale(1 / survive, throughput);
-        found.survived *= survive;
-    }
-    return found.sum;
 }

@@ -54,6 +54,8 @@ typedef struct {
     StepKind step;
 } Mutation;
 
+/* A lens perturbation for L S+ E, the whole path: not in the table, for no chain of a bootstrap has such paths to itself. */
+extern const Mutation seen_mutation;
 enum { MUTATIONS = 5 };
 extern const Mutation mutation_table[MUTATIONS];   /* bidir, lens, caustic, chain, subpath */
 

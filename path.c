@@ -82,26 +82,31 @@ bool path_scatter(const Space *space, Path *p, int i)
     return true;
 }
 
-bool path_is_direct(const Path *p)
+Reach path_reach(const Path *p)
 {
     for (int i = 2; i < p->k; i++)
-        if (p->v[i].mode == MODE_NONE) return false;
-    return true;
+        if (p->v[i].mode == MODE_NONE) return REACH_INDIRECT;
+    return path_specular(p, 1) ? REACH_SEEN : REACH_DIRECT;
 }
 
-double path_traced_value(const Path *p)
+static double traced_value(const Path *p, Reach reach)
 {
-    double from_lens = path_inv_C(p, -1) * path_inv_S_light(p, 1) + (p->k > 1 ? path_inv_S_lens(p, -1) * path_inv_C(p, 0) : 0);
+    double from_lens = path_inv_C(p, -1) * path_inv_S_light(p, 1) + (p->k > 1 ? path_inv_S_lens(p, -1) * path_inv_C(p, 0) : 0), q = 1;
     for (int i = 2; i <= p->k; i++) from_lens *= path_inv_S_light(p, i);
-    return luminance(p->colour) / from_lens;
+    if (reach != REACH_INDIRECT)
+        for (int i = 1; i < p->k; i++) q *= p->v[i].s.q;
+    return luminance(p->colour) * q / from_lens;
 }
+
+double path_traced_value(const Path *p) { return traced_value(p, path_reach(p)); }
 
 void path_finish(const Space *space, Path *p)
 {
     p->colour = p->v[0].s.colour;
     for (int i = 1; i < p->k; i++) p->colour = mul(p->colour, p->v[i].s.colour);
-    bool direct = path_is_direct(p), in = p->k <= space->max_depth && (space->direct == DIRECT_INCLUDED || direct == (space->direct == DIRECT_ONLY));
-    p->share = !in ? 0 : space->part != WHOLE ? space_share(space, p->pixel, path_traced_value(p), direct) : 1;
+    Reach reach = path_reach(p);
+    bool in = p->k <= space->max_depth && (space->direct == DIRECT_INCLUDED || (reach != REACH_INDIRECT) == (space->direct == DIRECT_ONLY));
+    p->share = !in ? 0 : space->part != WHOLE ? space_share(space, p->pixel, traced_value(p, reach), reach) : 1;
     p->chi = p->share * luminance(p->colour) * (space->film ? (double)space->film[p->pixel].weight : 1);
 }
 

@@ -37,7 +37,11 @@ typedef struct {
     Vertex v[MAX_EDGES + 1];
 } Path;
 
-/* Which paths count. Direct are exactly L D? S* E: every vertex between x_1 and the lens is specular. */
+/* How light reaches the lens: indirectly; directly, exactly L D? S* E: every vertex between x_1 and the lens is specular; and of direct light
+ * that which is seen by way of specular vertices alone, L S+ E. */
+typedef enum { REACH_INDIRECT, REACH_DIRECT, REACH_SEEN } Reach;
+
+/* Which paths count. */
 typedef enum { DIRECT_INCLUDED, DIRECT_EXCLUDED, DIRECT_ONLY } DirectClass;
 
 /* What belongs to a pixel, in one line of memory: a chain meets pixels in no order, and each is a cache miss. */
@@ -47,8 +51,8 @@ typedef struct {
     double sum[3];                 /* recorded by the chains; not for the space */
 } Pixel;
 
-/* The integrand as a whole, or divided between a path tracer and the chains: of an indirect path whose estimate by the path tracer
- * (path_traced_value) is above the threshold, CAPPED keeps so much that it is just that; REST is what is left of f. */
+/* The integrand as a whole, or divided between a path tracer and chains: of a path whose estimate by the path tracer (path_traced_value) is above the
+ * threshold, CAPPED keeps so much that it is just that; REST is what is left of f. Direct light that is not REACH_SEEN has no threshold. */
 typedef enum { WHOLE, CAPPED, REST } Part;
 
 /* The space that is integrated over. */
@@ -58,7 +62,20 @@ typedef struct {
     DirectClass direct;
     const Pixel *film;             /* [pixels]; NULL for w = 1 and the WHOLE */
     Part part;
+    double seen;                   /* REACH_SEEN has its threshold at so many times that of indirect light */
 } Space;
+
+/* A path that an independent sample found, by joining n_light vertices grown from the light to n_lens grown from the lens
+ * (n_light >= 0, n_lens >= 1, k = n_light + n_lens - 1 edges). */
+typedef struct {
+    int n_light, n_lens;
+    uint32_t pixel;
+    Rgb rgb;                   /* f / sum of the densities of all techniques (balance heuristic), whatever its share */
+    double weight;             /* the same of the target f*: luminance times w(pixel), times the share */
+    double traced;             /* path_traced_value of the path */
+    double share;              /* of f that the space holds */
+    Reach reach;               /* path_reach */
+} Candidate;
 
 /* Copies k, ends' caches and the k+1 vertices that the path has. */
 void path_copy(Path *to, const Path *from);
@@ -86,17 +103,19 @@ void path_finish(const Space *space, Path *path);
 /* All caches from the points and modes alone: what path_edge, path_scatter and path_finish hold. Visibility is not tested. */
 bool path_evaluate(const Space *space, Path *path);
 
-bool path_is_direct(const Path *path);
+Reach path_reach(const Path *path);
 
 /* Luminance of f/p, p the density with which a path tracer finds the path: growing it from the lens until it meets the light by itself, or
- * joining x_1 to a sampled light point (the balance heuristic over both; Russian roulette apart). */
+ * joining x_1 to a sampled light point (the balance heuristic over both; Russian roulette apart). At glass it draws the mode, and p has the mode's
+ * chance in it, but for direct light, for which it goes both ways. */
 double path_traced_value(const Path *path);
 /* How much of f the space holds of a path of this value in this pixel. */
-static inline double space_share(const Space *space, uint32_t pixel, double value, bool direct)
+static inline double space_share(const Space *space, uint32_t pixel, double value, Reach reach)
 {
     if (space->part == WHOLE) return 1;
     double most = (double)space->film[pixel].threshold;
-    if (value > most && !direct) return space->part == REST ? 1 - most / value : most / value;
+    if (reach == REACH_SEEN) most *= space->seen;
+    if (value > most && reach != REACH_DIRECT) return space->part == REST ? 1 - most / value : most / value;
     return space->part == REST ? 0 : 1;
 }
 

@@ -183,3 +183,17 @@ const Mutation mutation_table[MUTATIONS] = {
     { "chain", 3, true, chain_applies, lens_propose, STEP_NONE },
     { "subpath", 1, false, lens_applies, subpath_propose, STEP_NONE },
 };
+
+static bool seen_applies(const Space *space, const Path *x)
+{
+    (void)space;
+    int turned;
+    return lens_suffix(x, &turned) < 0 && x->k > 1;
+}
+
+static Outcome seen_propose(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
+{
+    return walk_to_light(space, tuning, x, y, 0, rng, move);
+}
+
+const Mutation seen_mutation = { "seen", 1, true, seen_applies, seen_propose, STEP_FILM };

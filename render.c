@@ -48,11 +48,12 @@ Render *render_new(const Scene *scene, const Settings *settings)
         if (settings->direct == LIGHT_APART) r->chain_space.direct = DIRECT_EXCLUDED;
     } else r->has_direct = true;
     size_t doubles = 3 * r->pixels;
-    bool ok = (r->bdpt = bdpt_new()) && (r->x = malloc(sizeof *r->x)) && (r->y = malloc(sizeof *r->y));
+    bool ok = (r->bdpt = bdpt_new()) && (r->x = malloc(sizeof *r->x)) && (r->y = malloc(sizeof *r->y)) && (r->trail = malloc(sizeof *r->trail));
     if (r->has_direct)
         ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.direct = calloc(r->pixels, 8))
             && (r->passes.count = calloc(scene->camera.height, 4));
-    if (settings->integrator == INTEGRATOR_BDPT) ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
+    if (settings->integrator == INTEGRATOR_BDPT || (r->has_chain && r->has_direct && scene->has_specular))
+        ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)
         ok = ok && (r->film = aligned_alloc(sizeof *r->film, r->pixels * sizeof *r->film)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8));
     if (!ok) { render_free(r); return NULL; }
@@ -73,7 +74,7 @@ void render_free(Render *r)
     if (!r) return;
     bdpt_free(r->bdpt);
     Passes *p = &r->passes;
-    void *owned[] = { r->x, r->y, p->sum, p->square, p->direct, p->count, p->light, p->light_square, r->film, r->sum, r->square, r };
+    void *owned[] = { r->x, r->y, r->trail, p->sum, p->square, p->direct, p->count, p->light, p->light_square, r->film, r->sum, r->square, r };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
 }
 
@@ -87,12 +88,18 @@ static bool in_time(const Render *r, double deadline) { return r->settings->seco
 
 /* ---- independent samples ---- */
 
-typedef struct { Render *r; Rgb own; } Splat;
+typedef struct { Render *r; Rng *rng; Rgb own; bool out_of_memory; } Splat;
 
-static void add_direct(void *context, const Candidate *c)
+static void add_direct(Render *r, const Candidate *c)
+{
+    if (c->reach != REACH_INDIRECT && finite3(c->rgb)) r->passes.direct[c->pixel] += c->share * (c->rgb.x + c->rgb.y + c->rgb.z);
+}
+
+static void visit_traced(void *context, const Candidate *c)
 {
     Splat *s = context;
-    if (c->direct && finite3(c->rgb)) s->r->passes.direct[c->pixel] += c->rgb.x + c->rgb.y + c->rgb.z;
+    add_direct(s->r, c);
+    if (c->reach == REACH_SEEN && c->share < 1 && !run_spread(s->r, c, s->rng)) s->out_of_memory = true;
 }
 
 static void splat_candidate(void *context, const Candidate *c)
@@ -101,7 +108,7 @@ static void splat_candidate(void *context, const Candidate *c)
     if (!finite3(c->rgb)) { s->r->stats.bad_samples++; return; }
     if (c->n_lens > 1) {
         s->own = add(s->own, c->rgb);
-        add_direct(context, c);
+        add_direct(s->r, c);
         return;
     }
     double *light = s->r->passes.light + 3 * (size_t)c->pixel, *square = s->r->passes.light_square + 3 * (size_t)c->pixel;
@@ -111,7 +118,7 @@ static void splat_candidate(void *context, const Candidate *c)
 
 /* One more sample in each pixel of the next row. Its place in the pixel and its first light sample fill their ranges evenly over the
  * passes, from an offset of the pixel's own. */
-static void sample_row(Render *r)
+static bool sample_row(Render *r)
 {
     Passes *p = &r->passes;
     uint32_t width = r->scene->camera.width, height = r->scene->camera.height, row = (uint32_t)(p->rows % height);
@@ -125,9 +132,10 @@ static void sample_row(Render *r)
         double u[5];
         for (int d = 0; d < 5; d++) u[d] = even(rng_double(&offset), pass, d);
         double x = column + u[0], y = row + u[1];
-        Splat s = { r, { 0, 0, 0 } };
+        Splat s = { .r = r, .rng = &rng };
         if (r->settings->integrator == INTEGRATOR_BDPT) bdpt_sample(r->bdpt, &r->direct_space, x, y, &rng, splat_candidate, &s);
-        else s.own = path_trace(&r->direct_space, x, y, u + 2, &rng, add_direct, &s);
+        else s.own = path_trace(&r->direct_space, x, y, u + 2, &rng, r->trail, visit_traced, &s);
+        if (s.out_of_memory) return false;
         if (!finite3(s.own)) { r->stats.bad_samples++; continue; }
         const double v[3] = { s.own.x, s.own.y, s.own.z };
         for (size_t i = 0; i < 3; i++) { p->sum[3 * pixel + i] += v[i]; p->square[3 * pixel + i] += v[i] * v[i]; }
@@ -135,14 +143,17 @@ static void sample_row(Render *r)
     p->rows++;
     p->count[row]++;
     p->rays += *r->scene->rays - rays;
+    return true;
 }
 
 /* Whatever the clock or the user say: without a sample in every pixel there is no picture of what the path tracer is to bring. */
-static void one_pass(Render *r)
+static bool one_pass(Render *r)
 {
     double start = clock_now();
-    while (r->passes.rows < r->scene->camera.height) sample_row(r);
+    while (r->passes.rows < r->scene->camera.height)
+        if (!sample_row(r)) return false;
     r->stats.seconds_direct += clock_now() - start;
+    return true;
 }
 
 /* ---- chains ---- */
@@ -326,7 +337,7 @@ void run_close_chains(Render *r)
 }
 
 /* Forgets the pilot but for what it has taught. */
-static void end_pilot(Render *r)
+static bool end_pilot(Render *r)
 {
     size_t bytes = 3 * r->pixels * sizeof(double);
     memset(r->sum, 0, bytes);
@@ -346,13 +357,13 @@ static void end_pilot(Render *r)
     r->stats.start_rays = r->stats.chain_rays = 0;
     r->stats.seconds_start += r->stats.seconds_chain + r->stats.seconds_direct;
     r->stats.seconds_chain = r->stats.seconds_direct = 0;
-    if (!r->has_direct) return;
+    if (!r->has_direct) return true;
     memset(r->passes.sum, 0, bytes);
     memset(r->passes.square, 0, bytes);
     memset(r->passes.direct, 0, r->pixels * sizeof *r->passes.direct);
     memset(r->passes.count, 0, r->scene->camera.height * sizeof *r->passes.count);
     r->passes.rows = r->passes.rays = 0;
-    one_pass(r);
+    return one_pass(r);
 }
 
 /* Rows that the path tracer has to have done by the end of this round, whatever its share of rays: two passes tell its variance, and where the
@@ -367,7 +378,7 @@ static double least_rows(const Render *r)
 static bool run_chains(Render *r)
 {
     const Settings *s = r->settings;
-    if (r->has_direct) one_pass(r);
+    if (r->has_direct && !one_pass(r)) return false;
     while (going(r)) {
         bool good_enough = s->error > 0 && r->rounds > PILOTS + 3 && r->relative_error <= s->error;
         if (r->round.phase == PLAN && (good_enough || !plan_round(r))) break;
@@ -383,7 +394,7 @@ static bool run_chains(Render *r)
             bool timed = s->seconds > 0 && s->per_pixel == 0 && r->rounds > PILOTS;   /* then the chains have kept to their part of the time */
             double least = least_rows(r), rays = r->direct_share * (double)r->stats.chain_rays, deadline = timed ? r->round.deadline : s->start + s->seconds;
             while ((timed || (double)r->passes.rows < least || (double)r->passes.rays < rays) && going(r) && in_time(r, deadline))
-                sample_row(r);
+                if (!sample_row(r)) return false;
         }
         r->stats.seconds_direct += clock_now() - start;
         if (!going(r)) break;
@@ -396,7 +407,7 @@ static bool run_chains(Render *r)
             sampler_tune(&r->sampler, r->scene, &r->stats.chain);
             r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };
         }
-        if (r->rounds == PILOTS) end_pilot(r);
+        if (r->rounds == PILOTS && !end_pilot(r)) return false;
         r->round.phase = PLAN;
     }
     return true;
@@ -406,10 +417,10 @@ static bool run_passes(Render *r)
 {
     const Settings *s = r->settings;
     uint64_t height = r->scene->camera.height, rows = s->per_pixel > 0 ? (uint64_t)ceil(s->per_pixel * (double)height) : UINT64_MAX, look = 2 * height;
-    one_pass(r);
+    if (!one_pass(r)) return false;
     double start = clock_now();
     while (r->passes.rows < rows && going(r) && in_time(r, s->start + s->seconds)) {
-        sample_row(r);
+        if (!sample_row(r)) return false;
         if (r->passes.rows < look) continue;
         look += look / 4 + height;                 /* the estimate costs a pass over the picture: at growing intervals */
         look -= look % height;

@@ -2,10 +2,11 @@
 #ifndef RUN_H
 #define RUN_H
 #include "render.h"
+#include "tracer.h"
 
 /* Independent samples, row by row: sum and sum of squares of the samples of each pixel, and what light subpaths bring to any pixel. */
 typedef struct {
-    double *sum, *square, *light, *light_square;   /* [pixels][3]; light only for bdpt */
+    double *sum, *square, *light, *light_square;   /* [pixels][3]; light only for bdpt, and for what run_spread moves */
     double *direct;                /* [pixels] of 'sum', over channels, what is direct light: it may be large in one pixel alone, and is no outlier */
     uint32_t *count;               /* [height] samples in each pixel of a row */
     uint64_t rows;                 /* sampled so far; the pass is rows / height */
@@ -36,7 +37,7 @@ struct Render {
     bool has_chain, has_direct;
     Sampler sampler;
     Bdpt *bdpt;
-    Path *x, *y;
+    Path *x, *y, *trail;           /* of a chain; of the path tracer */
     Passes passes;
     /* chains: this round's splats, and over finished rounds the sum of steps * picture and of steps * picture^2 */
     Pixel *film;                   /* [pixels] */
@@ -51,6 +52,7 @@ struct Render {
     double start_share;            /* rays of the bootstrap per ray of the chains */
     double samples_per_step;       /* bootstrap samples that cost the rays of one step */
     double seeds_per_sample;       /* worth a chain of their own, of the last bootstrap; 0 while unknown */
+    double tau;                    /* thresholds are so many times the picture; 0 while the integrand is whole */
     double unlearned;              /* steps since run_learn */
     double chain_error;            /* the chains' part of the estimated relMSE */
     double relative_error;
@@ -71,6 +73,8 @@ void run_learn(Render *render);
 void run_go_on(Render *render);
 /* Divides the integrand at the thresholds: capped values to the path tracer, the rest to the chains. */
 void run_divide(Render *render);
+/* Of a path that the path tracer is visiting, REACH_SEEN and not wholly of the space: brings what is left of it to the picture. False if memory runs out. */
+bool run_spread(Render *render, const Candidate *candidate, Rng *rng);
 /* Chooses the thresholds by what the pilot has left in them, the picture's own brightness, and the shares of work to begin with. */
 void run_survey(Render *render);
 #endif

@@ -71,13 +71,14 @@ static uint64_t identity(const Scene *scene, const Settings *s)
     return h;
 }
 
-static const char MAGIC[] = "MLTRUN4\n";            /* the number changes with what is kept */
+static const char MAGIC[] = "MLTRUN5\n";            /* the number changes with what is kept */
 
 typedef struct {
     char magic[8];
     uint64_t identity, seed, path_bytes;
     uint32_t width, height;
     uint32_t integrator, direct;
+    uint32_t specular, unused;     /* Scene.has_specular */
 } Header;
 
 typedef struct { FILE *file; bool write, ok; } Stream;
@@ -121,7 +122,7 @@ static void pass_state(Stream *s, Render *r)
     pass(s, &r->passes.rays, sizeof r->passes.rays);
     pass(s, r->scene->rays, sizeof *r->scene->rays);
     double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share,
-                          &r->samples_per_step, &r->seeds_per_sample, &r->relative_error, &r->unlearned };
+                          &r->samples_per_step, &r->seeds_per_sample, &r->relative_error, &r->unlearned, &r->tau };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
     uint64_t divided = r->chain_space.part != WHOLE;
     pass(s, r->tile, sizeof r->tile);
@@ -138,7 +139,8 @@ static Header header_of(const Render *r)
 {
     const Camera *c = &r->scene->camera;
     Header header = { .identity = identity(r->scene, r->settings), .seed = r->settings->seed, .path_bytes = sizeof(Path), .width = c->width,
-                      .height = c->height, .integrator = (uint32_t)r->settings->integrator, .direct = (uint32_t)r->settings->direct };
+                      .height = c->height, .integrator = (uint32_t)r->settings->integrator, .direct = (uint32_t)r->settings->direct,
+                      .specular = r->scene->has_specular };
     memcpy(header.magic, MAGIC, sizeof header.magic);
     return header;
 }
@@ -246,6 +248,7 @@ static Render *read_run(FILE *file, const Header *header, const char *path, Repo
     if (scene && settings && (scene->rays = calloc(1, sizeof *scene->rays))) {
         scene->camera.width = header->width;
         scene->camera.height = header->height;
+        scene->has_specular = header->specular;
         settings->integrator = (Integrator)header->integrator;
         settings->direct = (DirectLight)header->direct;
         settings->seed = header->seed;

@@ -5,13 +5,15 @@
 enum {
     CUTS = 19, FIRST_CUT = -8,     /* tau that are weighed: 2^-8 .. 2^10 times the picture's own value */
     SURVEY = 4000,                 /* samples for that */
-    DIRECT_MOST = 4                /* times the picture's value: what a sample of direct light may count there */
+    DIRECT_MOST = 4,               /* times the picture's value: what a sample of direct light may count there */
+    SEEN_MOST = 16                 /* times the picture's value: threshold of lamps seen by way of specular vertices */
 };
 
 void run_divide(Render *r)
 {
     r->direct_space.direct = DIRECT_INCLUDED;
     r->direct_space.part = CAPPED;
+    r->direct_space.seen = SEEN_MOST / r->tau;
     r->chain_space.part = REST;
 }
 
@@ -26,13 +28,14 @@ static void survey_candidate(void *context, const Candidate *c)
     Survey *s = context;
     double picture = (double)s->film[c->pixel].threshold, share = luminance(c->rgb) / picture, value = c->traced / picture;
     if (!isfinite(share)) return;
-    if (c->direct) {
+    bool direct = c->reach != REACH_INDIRECT;
+    if (direct) {
         share = fmin(share, DIRECT_MOST);
         value = fmin(value, DIRECT_MOST);
     } else s->indirect += share;
     double tau = ldexp(1, FIRST_CUT);
     for (int i = 0; i < CUTS; i++, tau *= 2) {
-        double kept = c->direct || value <= tau ? 1 : tau / value;
+        double kept = direct || value <= tau ? 1 : tau / value;
         s->left[i] += share * (1 - kept);
         if (isfinite(kept * value)) s->expected_moment[i] += share * kept * kept * value;
     }
@@ -43,9 +46,10 @@ static void survey_traced(void *context, const Candidate *c)
     Survey *s = context;
     double picture = (double)s->film[c->pixel].threshold, share = luminance(c->rgb) / picture, value = c->traced / picture;
     if (!isfinite(share) || !(share > 0)) return;
-    if (c->direct) share = fmin(share, DIRECT_MOST);
+    bool direct = c->reach != REACH_INDIRECT;
+    if (direct) share = fmin(share, DIRECT_MOST);
     double tau = ldexp(1, FIRST_CUT);
-    for (int i = 0; i < CUTS; i++, tau *= 2) s->one[i] += share * (c->direct || value <= tau ? 1 : tau / value);
+    for (int i = 0; i < CUTS; i++, tau *= 2) s->one[i] += share * (direct || value <= tau ? 1 : tau / value);
 }
 
 /* Where to divide the integrand. Error times rays of the path tracer is its second moment, bounded by tau. That of the chains was measured by the
@@ -64,7 +68,7 @@ void run_survey(Render *r)
     for (int i = 0; i < SURVEY; i++) {
         const double light[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
         memset(s.one, 0, sizeof s.one);
-        path_trace(&all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, light, &rng, survey_traced, &s);
+        path_trace(&all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, light, &rng, r->trail, survey_traced, &s);
         for (int k = 0; k < CUTS; k++) {
             s.moment[k] += s.one[k] * s.one[k];
             s.mean[k] += s.one[k] / SURVEY;
@@ -82,6 +86,7 @@ void run_survey(Render *r)
             r->direct_share = path / rest;
         }
     }
+    r->tau = tau;
     for (size_t i = 0; i < r->pixels; i++) r->film[i].threshold = (float)(tau * (double)r->film[i].threshold);
     if (!(r->direct_share < 50)) r->direct_share = 50;
 }

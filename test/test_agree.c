@@ -6,7 +6,7 @@
  */
 #include "balance.h"
 #include "check.h"
-#include "render.h"
+#include "run.h"
 #include "statistics.h"
 #include "test_faults.h"
 
@@ -262,14 +262,17 @@ static void test_precisely(void)
 static Group traced_group(const Space *space, int per_pixel)
 {
     Group g = { .runs = RUNS };
+    Path *trail = malloc(sizeof *trail);
+    if (!trail) abort();
     for (int i = 0; i < RUNS; i++) {
         Rng rng = rng_new(seed, ((uint64_t)i + 1) << 34);
         for (int n = 0; n < per_pixel * FILM * FILM; n++) {
             uint32_t x = (uint32_t)n % FILM, y = (uint32_t)n / FILM % FILM;
             const double light[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
-            add_pixel(g.value[i], x, y, path_trace(space, x + rng_double(&rng), y + rng_double(&rng), light, &rng, NULL, NULL), 1.0 / (per_pixel * FILM * FILM));
+            add_pixel(g.value[i], x, y, path_trace(space, x + rng_double(&rng), y + rng_double(&rng), light, &rng, trail, NULL, NULL), 1.0 / (per_pixel * FILM * FILM));
         }
     }
+    free(trail);
     return g;
 }
 
@@ -318,6 +321,66 @@ static void test_divided(void)
     agree("path, capped + rest", &path, &both, BY_TILES);
     disagree("the chains record all of f", &path, &wrong, BY_TILES);
     disagree("the rest left out", &path, &part, BY_TILES);
+    scene_free(&scene);
+}
+
+/* Lamps seen through glass and in it, capped at thresholds far below their radiance: what run_spread hands on makes up for what is cut off. */
+typedef struct { Render *render; Rng *rng; double share; int spread; } Spreading;
+
+static void spread(void *context, const Candidate *c)
+{
+    Spreading *s = context;
+    if (c->reach != REACH_SEEN || !(c->share < 1)) return;
+    Candidate changed = *c;
+    changed.share *= s->share;
+    CHECK(run_spread(s->render, &changed, s->rng));
+    s->spread++;
+}
+
+static Group spread_group(const Scene *scene, int depth, int per_pixel, double share)
+{
+    Group g = { .runs = RUNS };
+    const Settings settings = { .integrator = INTEGRATOR_MLT, .direct = LIGHT_APART, .max_depth = depth, .strategies = ~0u, .seed = seed };
+    for (int i = 0; i < RUNS; i++) {
+        Rng rng = rng_new(seed, ((uint64_t)i + 1) << 35);
+        Render *r = render_new(scene, &settings);
+        if (!CHECK(r != NULL)) return g;
+        Spreading s = { .render = r, .rng = &rng, .share = share };
+        for (int j = 0; j < FILM * FILM; j++) {
+            r->film[j].threshold = 0.05f * (float)(1 + j % 7);
+            r->film[j].weight = 1.0f / (float)(1 + j % 5);
+        }
+        r->tau = 16;                               /* the threshold of what is seen is that of the film, then */
+        run_divide(r);
+        r->direct_space.direct = DIRECT_ONLY;
+        for (int n = 0; n < per_pixel * FILM * FILM; n++) {
+            uint32_t x = (uint32_t)n % FILM, y = (uint32_t)n / FILM % FILM;
+            const double light[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
+            Rgb found = path_trace(&r->direct_space, x + rng_double(&rng), y + rng_double(&rng), light, &rng, r->trail, spread, &s);
+            add_pixel(g.value[i], x, y, found, 1.0 / (per_pixel * FILM * FILM));
+        }
+        for (uint32_t y = 0; y < FILM; y++)
+            for (uint32_t x = 0; x < FILM; x++) {
+                const double *light = r->passes.light + 3 * (y * FILM + x);
+                add_pixel(g.value[i], x, y, vec3(light[0], light[1], light[2]), 1.0 / (per_pixel * FILM * FILM));
+            }
+        CHECK(s.spread > 100);
+        CHECK(render_stats(r).bad_samples == 0);
+        render_free(r);
+    }
+    return g;
+}
+
+static void test_spread(void)
+{
+    Scene scene;
+    int depth = 8, n = (int)(160 * factor);
+    if (!load(&scene, "test/scenes/direct.obj")) return;
+    printf("test/scenes/direct.obj, lamps seen by way of glass spread over the film\n");
+    Space whole = { .scene = &scene, .max_depth = depth, .direct = DIRECT_ONLY };
+    Group path = traced_group(&whole, 4 * n), both = spread_group(&scene, depth, n, 1), twice = spread_group(&scene, depth, n, 0.25);
+    agree("path, capped + spread", &path, &both, BY_TILES);
+    disagree("more handed on than was cut off", &path, &twice, BY_TILES);
     scene_free(&scene);
 }
 
@@ -394,6 +457,7 @@ int main(int argc, char **argv)
     test_scenes();
     test_precisely();
     test_divided();
+    test_spread();
     test_furnace();
     test_found();
     printf("%d comparisons\n", comparisons);

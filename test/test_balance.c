@@ -33,12 +33,14 @@ static const char tank_obj[] =
     "usemtl water\nf 12//4 11//3 10//2 9//1\n"
     "usemtl light\nf 13 14 15 16\n";
 static const char tank_mtl[] = "newmtl wall\nKd 0.6 0.6 0.6\nnewmtl water\nillum 4\nNi 1.5\nnewmtl light\nKd 0 0 0\nKe 5 5 5\n";
+static const char glowing_mtl[] = "newmtl wall\nKd 0.6 0.6 0.6\nKe 1 1 1\nnewmtl water\nillum 4\nNi 1.5\nnewmtl light\nKd 0 0 0\nKe 5 5 5\n";
 static const char tank_cam[] = "eye 0.3 -0.6 0.8\nlook -0.2 -0.1 -0.8\nfov 90\nsize 32 32\n";
 
-static bool load_tank(Scene *scene, const CameraSettings *camera, Report *report)
+/* Its walls may glow, and be seen in the water and through it at all angles. */
+static bool load_tank(Scene *scene, bool glowing, const CameraSettings *camera, Report *report)
 {
     folder_write_text("tank.obj", tank_obj);
-    folder_write_text("tank.mtl", tank_mtl);
+    folder_write_text("tank.mtl", glowing ? glowing_mtl : tank_mtl);
     folder_write_text("tank.cam", tank_cam);
     return scene_load(scene, folder_path("tank.obj"), camera, BVH_FAST, report);
 }
@@ -48,7 +50,13 @@ static bool load(Scene *scene, const char *file, uint32_t film)
 {
     Report report = { .warnings = NULL };
     CameraSettings camera = { .has_size = film > 0, .width = film, .height = film };
-    bool ok = strcmp(file, "tank") == 0 ? load_tank(scene, &camera, &report) : scene_load(scene, file, &camera, BVH_FAST, &report);
+    bool glowing = strcmp(file, "tank, glowing") == 0;
+    if (glowing) {
+        camera.has_eye = camera.has_look = true;
+        camera.eye = vec3(-0.9, 0.12, 0);
+        camera.look = vec3(0.2, -0.1, 0);
+    }
+    bool ok = strncmp(file, "tank", 4) == 0 ? load_tank(scene, glowing, &camera, &report) : scene_load(scene, file, &camera, BVH_FAST, &report);
     if (!CHECK(ok)) printf("%s: %s\n", file, report.error);
     return ok;
 }
@@ -130,7 +138,7 @@ static void test_rows(void)
 typedef struct {
     const char *name;
     int row;                                       /* of mutation_table, replaced */
-    enum { ALONE, AMONG_ALL, BESIDE_LEFT } company;   /* the last: see left_applies */
+    enum { ALONE, AMONG_ALL, BESIDE_LEFT, SEEN } company;   /* left: see left_applies; seen: seen_mutation in place of the row */
     bool (*applies)(const Space *, const Path *);  /* NULL: as it is */
     Outcome (*propose)(const Space *, const Tuning *, const Path *, Path *, Rng *, Move *);
 } Fault;                                           /* both NULL: no fault, and must pass */
@@ -159,6 +167,10 @@ static const struct {
         { "bidir: T of the way taken alone", BIDIR, ALONE, NULL, bidir_one_way },
         { "caustic: T left out", CAUSTIC, ALONE, NULL, f_alone_caustic },
         { "chain: T left out", CHAIN, ALONE, NULL, f_alone_chain },
+    } },
+    { "tank, glowing", DIRECT_ONLY, 6, 0, { .unit = 0.5, .cap = 5 }, 1e5, 6, 0.05, {
+        { "seen: right", LENS, SEEN, NULL, NULL },
+        { "seen: drawn S for a copied mode", LENS, SEEN, NULL, seen_drawn },
     } },
     { "tank", DIRECT_EXCLUDED, 6, 0, { .unit = 0.5, .cap = 3 }, 1e5, 16, 0.5, {
         { "caustic, q_i changes: right", CAUSTIC, BESIDE_LEFT, NULL, NULL },
@@ -218,6 +230,7 @@ static void test_faults(void)
             const Fault *fault = &fault_group[g].fault[f];
             memcpy(table[f], mutation_table, sizeof table[f]);
             Mutation *row = &table[f][fault->row];
+            if (fault->company == SEEN) *row = seen_mutation;
             if (fault->applies) row->applies = fault->applies;
             if (fault->propose) row->propose = fault->propose;
             Sampler s = sampler_for(&scene, ~0u);

@@ -75,6 +75,15 @@ FAULT_ROW(caustic_no_choice, CAUSTIC, left_choices)
 FAULT_ROW(chain_no_choice, CHAIN, left_choices)
 FAULT_ROW(subpath_no_choice, SUBPATH, left_choices)
 
+static inline Outcome seen_drawn(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
+{
+    Outcome outcome = seen_mutation.propose(space, tuning, x, y, rng, move);
+    if (outcome != PROPOSED) return outcome;
+    move->R_yx *= inverse_q(y, 1);
+    move->R_xy *= inverse_q(x, 1);
+    return PROPOSED;
+}
+
 /* ---- a factor left out of S, as if bsdf_scatter had forgotten it ---- */
 
 /* S<: radiance scales by (eta_lens/eta_light)^2 across an interface */
