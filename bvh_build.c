@@ -65,12 +65,13 @@ static inline Box box_meet(Box a, Box b) { return (Box){ q_max(a.low, b.low), q_
 #endif
 static inline Box box_empty(void) { return box_of(q_set(INFINITY), q_set(INFINITY)); }
 static inline Box box_point(Quad p) { return box_of(p, q_minus(p)); }
+static inline void box_sides(float d[4], Box b) { q_store(d, q_minus(q_add(box_low(b), box_minus_high(b)))); }
 
 /* half the surface area; only of boxes that are not empty */
 static inline float box_area(Box b)
 {
-    float d[4];                        /* with the sign turned, which the products do not see */
-    q_store(d, q_add(box_low(b), box_minus_high(b)));
+    float d[4];
+    box_sides(d, b);
     return d[0] * d[1] + d[1] * d[2] + d[2] * d[0];
 }
 
@@ -92,21 +93,18 @@ static inline Quad part_centre(const Part *p) { return q_sub(q_load(p->bound), q
 
 /* A node of the binary tree: children left and left + 1 or, if left is 0, a leaf of the parts first .. first + count - 1. */
 typedef struct {
-    float bound[8];                    /* a Box */
+    float bound[8];                    /* a Box; surface of the triangles within in the first float to spare */
     uint32_t left, first, count;
-    float surface;                     /* of the triangles within */
-    union {
-        float cost[WIDTH];             /* cost[k]: least cost if the twig becomes at most k + 1 children of a wide node */
-        uint32_t pick[WIDTH];          /* then, if it becomes a wide node: the twigs that are its children, or NO_TWIG */
-    };
+    uint32_t shares;                   /* four bits for each number of slots, see weigh */
 } Twig;
 
-static const uint32_t NO_TWIG = UINT32_MAX;
+static inline Box twig_box(const Twig *t) { return box_load(t->bound); }
 
 typedef struct {
     const float (*position)[3];
     const uint32_t (*triangle)[3];
     Part *part;
+    uint32_t *id;                      /* of the parts, once nothing else of them is needed */
     Twig *twig;
     uint32_t n_twigs;
     float root_area;                   /* half the surface of the mesh's box */
@@ -125,7 +123,7 @@ static Grid grid_over(Box box, int bins)
     Grid g = { .bins = bins };
     float extent[4];
     q_store(g.base, box_low(box));
-    q_store(extent, q_minus(q_add(box_low(box), box_minus_high(box))));
+    box_sides(extent, box);
     for (int a = 0; a < 3; a++)
         if (extent[a] > 1e-30f && extent[a] < 1e30f) {
             g.scale[a] = (float)bins * 0.9999f / extent[a];
@@ -196,9 +194,21 @@ static Plane object_plane(const Part *part, uint32_t n, const Grid *g)
     return best_plane(box, count, count, g);
 }
 
-/* Reorders the parts and returns how many are on the first side; tells the boxes of their centres. Without branches, which could not be
- * predicted. */
-static uint32_t divide(Part *part, uint32_t n, const Grid *g, const Plane *plane, Box centres[2])
+/* What is around some parts, and around their centres. */
+typedef struct { Box box, centres; } Extent;
+
+static Extent extent_of(const Part *part, uint32_t n)
+{
+    Extent e = { box_empty(), box_empty() };
+    for (uint32_t i = 0; i < n; i++) {
+        e.box = box_join(e.box, part_box(&part[i]));
+        e.centres = box_join(e.centres, box_point(part_centre(&part[i])));
+    }
+    return e;
+}
+
+/* Reorders the parts and returns how many are on the first side. Without branches, which could not be predicted. */
+static uint32_t divide(Part *part, uint32_t n, const Grid *g, const Plane *plane, Extent side[2])
 {
     const Box keep[2] = { box_empty(), box_of(q_set(-INFINITY), q_set(-INFINITY)) };
     Box first = box_empty(), second = first;
@@ -213,8 +223,8 @@ static uint32_t divide(Part *part, uint32_t n, const Grid *g, const Plane *plane
         box_store(part[left].bound, p);
         left += is_left;
     }
-    centres[0] = first;
-    centres[1] = second;
+    side[0] = (Extent){ plane->left, first };
+    side[1] = (Extent){ plane->right, second };
     return left;
 }
 
@@ -241,14 +251,14 @@ static Box clip(const Builder *b, const Part *part, int axis, float from, float 
 static inline bool box_valid(Box b)
 {
     float d[4];
-    q_store(d, q_add(box_low(b), box_minus_high(b)));
-    return d[0] <= 0 && d[1] <= 0 && d[2] <= 0;
+    box_sides(d, b);
+    return d[0] >= 0 && d[1] >= 0 && d[2] >= 0;
 }
 
 static int widest_axis(Box b)
 {
     float d[4];
-    q_store(d, q_minus(q_add(box_low(b), box_minus_high(b))));
+    box_sides(d, b);
     return d[0] > d[1] ? (d[0] > d[2] ? 0 : 2) : (d[1] > d[2] ? 1 : 2);
 }
 
@@ -343,59 +353,55 @@ static uint32_t set_walls_apart(Part *part, uint32_t n, Box box)
     return walls <= n / 4 ? walls : 0;
 }
 
-/* The cheapest way to give a twig's two children k + 1 slots in all (k > 0): how many, less one, to the first. */
-static int share(const Builder *b, const Twig *t, int k)
-{
-    const float *l = b->twig[t->left].cost, *r = b->twig[t->left + 1].cost;
-    int best = 0;
-    for (int i = 1; i < k; i++)
-        if (l[i] + r[k - 1 - i] < l[best] + r[k - 1 - best]) best = i;
-    return best;
-}
-
 /* A twig of few triangles is a group if it becomes one child, even if it could be divided among several. */
 static bool is_leaf(const Twig *t) { return t->count <= GROUP; }
 
-/* Which twigs become the children of which wide nodes, at the least cost [Ylitie, Karras, Laine, Efficient incoherent ray traversal on GPUs
- * through compressed wide BVHs]. After the twigs below. */
-static void weigh(const Builder *b, Twig *t)
+/* Least cost if a twig becomes at most k + 1 children of a wide node. */
+typedef struct { float slots[WIDTH]; } Cost;
+
+static Cost weigh_leaf(const Twig *t)
 {
-    float area = t->count ? box_area(box_load(t->bound)) : 0;
-    if (!t->left) {
-        for (int k = 0; k < WIDTH; k++) t->cost[k] = area;
-        return;
-    }
-    for (int k = WIDTH - 1; k > 0; k--) {
-        int l = share(b, t, k);
-        t->cost[k] = b->twig[t->left].cost[l] + b->twig[t->left + 1].cost[k - 1 - l];
-    }
-    t->cost[0] = is_leaf(t) ? area : area + t->cost[WIDTH - 1];
-    for (int k = 1; k < WIDTH; k++) if (t->cost[k] > t->cost[k - 1]) t->cost[k] = t->cost[k - 1];
+    Cost cost;
+    float area = t->count ? box_area(twig_box(t)) : 0;
+    for (int k = 0; k < WIDTH; k++) cost.slots[k] = area;
+    return cost;
 }
 
-/* What a box has around it, and around its parts' centres. */
-typedef struct { Box box, centres; } Extent;
-
-static Extent extent_of(const Part *part, uint32_t n)
+/* Which twigs become the children of which wide nodes, at the least cost [Ylitie, Karras, Laine, Efficient incoherent ray traversal on GPUs
+ * through compressed wide BVHs]: of k + 1 slots, the bits from 4k on tell how many, less one, go to the first child; the highest of the four,
+ * that k slots are as good. */
+static Cost weigh(Twig *t, const Cost *l, const Cost *r)
 {
-    Extent e = { box_empty(), box_empty() };
-    for (uint32_t i = 0; i < n; i++) {
-        e.box = box_join(e.box, part_box(&part[i]));
-        e.centres = box_join(e.centres, box_point(part_centre(&part[i])));
+    Cost cost;
+    float area = t->count ? box_area(twig_box(t)) : 0;
+    for (int k = 1; k < WIDTH; k++) {
+        int best = 0;
+        for (int i = 1; i < k; i++)
+            if (l->slots[i] + r->slots[k - 1 - i] < l->slots[best] + r->slots[k - 1 - best]) best = i;
+        cost.slots[k] = l->slots[best] + r->slots[k - 1 - best];
+        t->shares |= (uint32_t)best << 4 * k;
     }
-    return e;
+    cost.slots[0] = is_leaf(t) ? area : area + cost.slots[WIDTH - 1];
+    for (int k = 1; k < WIDTH; k++)
+        if (!(cost.slots[k] < cost.slots[k - 1])) {
+            cost.slots[k] = cost.slots[k - 1];
+            t->shares |= 8u << 4 * k;
+        }
+    return cost;
 }
 
 /* Makes twig[at] the root over part[first .. first + n - 1]; the parts up to first + room are free for pieces. */
-static void grow(Builder *b, uint32_t at, uint32_t first, uint32_t n, uint32_t room, int depth, Extent extent)
+static Cost grow(Builder *b, uint32_t at, uint32_t first, uint32_t n, uint32_t room, int depth, Extent extent)
 {
     Twig *twig = &b->twig[at];
     Part *part = b->part + first;
     *twig = (Twig){ .first = first, .count = n };
     box_store(twig->bound, extent.box);
     if (n <= GROUP) {
-        for (uint32_t i = 0; i < n; i++) twig->surface += part_surface(&part[i]);
-        if (n < 2 || !b->split_leaves) { weigh(b, twig); return; }
+        float surface = 0;
+        for (uint32_t i = 0; i < n; i++) surface += part_surface(&part[i]);
+        twig->bound[3] = surface;
+        if (n < 2 || !b->split_leaves) return weigh_leaf(twig);
         room = n;                      /* the parts stay together, so that weigh may make it a leaf after all */
     }
     /* Halving is enough once what remains would only fit so; it bounds recursion and the stack of the traversal. */
@@ -410,7 +416,7 @@ static void grow(Builder *b, uint32_t at, uint32_t first, uint32_t n, uint32_t r
     else if (depth + levels < MAX_DEPTH) {
         Grid grid = grid_over(extent.centres, n < 64 ? 8 : 16);
         Plane plane = object_plane(part, n, &grid);
-        if (n <= GROUP && !(plane.cost < 0.9f * box_area(extent.box))) { weigh(b, twig); return; }
+        if (n <= GROUP && !(plane.cost < 0.9f * box_area(extent.box))) return weigh_leaf(twig);
         bool is_cut = false;
         /* Cutting pays only where the two sides would overlap much [Stich et al.]; along the longest axis is enough, at half the time. */
         if (room > n && (plane.axis < 0 || overlap(plane.left, plane.right) > b->root_area * 1e-3f)) {
@@ -422,13 +428,10 @@ static void grow(Builder *b, uint32_t at, uint32_t first, uint32_t n, uint32_t r
             }
         }
         if (!is_cut && plane.axis >= 0) {
-            Box centres[2];
-            left = divide(part, n, &grid, &plane, centres);
-            side[0] = (Extent){ plane.left, centres[0] };
-            side[1] = (Extent){ plane.right, centres[1] };
+            left = divide(part, n, &grid, &plane, side);
             measured = true;
         }
-        if (!left || left == total) left = total / 2, measured = false;
+        if (!left || left == total) { left = total / 2; measured = false; }
     }
     uint32_t right = total - left, spare = walls ? 0 : (uint32_t)((double)(room - total) * left / total);
     if (!measured) {
@@ -438,10 +441,10 @@ static void grow(Builder *b, uint32_t at, uint32_t first, uint32_t n, uint32_t r
     if (spare) memmove(part + left + spare, part + left, right * sizeof *part);
     uint32_t child = twig->left = b->n_twigs;
     b->n_twigs += 2;
-    grow(b, child, first, left, left + spare, depth + 1, side[0]);
-    grow(b, child + 1, first + left + spare, right, room - left - spare, depth + 1, side[1]);
-    twig->surface = b->twig[child].surface + b->twig[child + 1].surface;
-    weigh(b, twig);
+    Cost l = grow(b, child, first, left, left + spare, depth + 1, side[0]);
+    Cost r = grow(b, child + 1, first + left + spare, right, room - left - spare, depth + 1, side[1]);
+    twig->bound[3] = b->twig[child].bound[3] + b->twig[child + 1].bound[3];
+    return weigh(twig, &l, &r);
 }
 
 static void fill_group(const Builder *b, Group *group, const Twig *twig)
@@ -450,7 +453,7 @@ static void fill_group(const Builder *b, Group *group, const Twig *twig)
     for (uint32_t i = 0; i < GROUP; i++) {
         group->id[i] = BVH_NONE;
         if (i >= twig->count) continue;
-        group->id[i] = part_id(&b->part[twig->first + i]);
+        group->id[i] = b->id[twig->first + i];
         for (int k = 0; k < 3; k++)
             for (int a = 0; a < 3; a++) group->vertex[k][a][i] = b->position[b->triangle[group->id[i]][k]][a];
     }
@@ -460,7 +463,7 @@ static void fill_group(const Builder *b, Group *group, const Twig *twig)
  * area S in it S / (half the box's area) times on average. The 2 suits surfaces that stand in clusters, but is only measured. */
 static float score(const Twig *t)
 {
-    float a = t->surface / box_area(box_load(t->bound));
+    float a = t->bound[3] / box_area(twig_box(t));
     return a / (2 + a) / (t->count > GROUP ? 1 + log2f((float)t->count / GROUP) / 2 : 1);
 }
 
@@ -475,23 +478,37 @@ static size_t take(Builder *b, size_t bytes)
 static int gather(const Builder *b, uint32_t at, int k, uint32_t *pick)
 {
     const Twig *t = &b->twig[at];
-    while (k > 0 && t->left && !(t->cost[k] < t->cost[k - 1])) k--;
+    while (k > 0 && t->left && t->shares >> 4 * k & 8) k--;
     if (!t->left || k == 0) { *pick = at; return 1; }
-    int l = share(b, t, k), n = gather(b, t->left, l, pick);
+    int l = t->shares >> 4 * k & 7, n = gather(b, t->left, l, pick);
     return n + gather(b, t->left + 1, k - 1 - l, pick + n);
 }
 
-/* Picks the children of the wide node over a twig and of all below, and counts the space. */
-static void plan(Builder *b, uint32_t root)
+/* The twigs that become the children of the wide node over one. */
+static int gather_children(const Builder *b, uint32_t root, uint32_t pick[WIDTH])
 {
-    Twig *t = &b->twig[root];
-    uint32_t pick[WIDTH] = { root };
-    int n = 1;
-    if (t->left) {
-        int l = share(b, t, WIDTH - 1);
-        n = gather(b, t->left, l, pick);
-        n += gather(b, t->left + 1, WIDTH - 2 - l, pick + n);
-    }
+    const Twig *t = &b->twig[root];
+    pick[0] = root;
+    if (!t->left) return 1;
+    int l = t->shares >> 4 * (WIDTH - 1) & 7, n = gather(b, t->left, l, pick);
+    return n + gather(b, t->left + 1, WIDTH - 2 - l, pick + n);
+}
+
+/* The space of the wide node over a twig and of all below, in units. */
+static size_t units_of(const Builder *b, uint32_t root)
+{
+    uint32_t pick[WIDTH];
+    int n = gather_children(b, root, pick);
+    size_t units = sizeof(Node) / UNIT;
+    for (int i = 0; i < n; i++) units += is_leaf(&b->twig[pick[i]]) ? sizeof(Group) / UNIT : units_of(b, pick[i]);
+    return units;
+}
+
+/* Writes the wide node over a twig, its groups next to it, then the nodes below. */
+static Child collapse(Builder *b, uint32_t root)
+{
+    uint32_t pick[WIDTH];
+    int n = gather_children(b, root, pick);
     /* worst blocker first: bvh_any takes children from the last slot on */
     float blocks[WIDTH];
     for (int i = 0; i < n; i++) {
@@ -502,46 +519,22 @@ static void plan(Builder *b, uint32_t root)
         pick[k] = p;
         blocks[k] = s;
     }
-    for (int i = 0; i < WIDTH; i++) t->pick[i] = i < n ? pick[i] : NO_TWIG;
-    take(b, sizeof(Node));
-    for (int i = 0; i < n; i++)
-        if (is_leaf(&b->twig[pick[i]])) take(b, sizeof(Group));
-        else plan(b, pick[i]);
-}
-
-/* Writes the planned node, its groups next to it, then the nodes below. */
-static Child collapse(Builder *b, uint32_t root)
-{
-    const uint32_t *pick = b->twig[root].pick;
     size_t place = take(b, sizeof(Node));
     Node *node = (Node *)(void *)(b->tree + place * UNIT);
     for (int i = 0; i < WIDTH; i++) {
-        const float *bound = b->twig[pick[i]].bound;
-        bool used = pick[i] != NO_TWIG;
         for (int a = 0; a < 3; a++) {
-            node->bound[2 * a][i] = used ? bound[a] : INFINITY;
-            node->bound[2 * a + 1][i] = used ? -bound[a + 4] : -INFINITY;
+            node->bound[2 * a][i] = i < n ? b->twig[pick[i]].bound[a] : INFINITY;
+            node->bound[2 * a + 1][i] = i < n ? -b->twig[pick[i]].bound[a + 4] : -INFINITY;
         }
         node->child[i] = 0;
-        if (!used || !is_leaf(&b->twig[pick[i]])) continue;
+        if (i >= n || !is_leaf(&b->twig[pick[i]])) continue;
         size_t group = take(b, sizeof(Group));
         node->child[i] = (Child)(group << 1 | 1);
         fill_group(b, (Group *)(void *)(b->tree + group * UNIT), &b->twig[pick[i]]);
     }
-    for (int i = 0; i < WIDTH && pick[i] != NO_TWIG; i++)
+    for (int i = 0; i < n; i++)
         if (!is_leaf(&b->twig[pick[i]])) node->child[i] = collapse(b, pick[i]);
     return (Child)(place << 1);
-}
-
-/* Memory in large pages, which save the traversal many misses of the address cache, and the kernel's work for each page. */
-static void *large_pages(size_t bytes)
-{
-    size_t page = bytes >> 21 ? (size_t)1 << 21 : 64, whole = (bytes + page - 1) / page * page;
-    void *p = aligned_alloc(page, whole);
-#ifdef MADV_HUGEPAGE
-    if (p && page > 64) madvise(p, whole, MADV_HUGEPAGE);
-#endif
-    return p;
 }
 
 /* The whole triangle. */
@@ -566,8 +559,8 @@ Bvh *bvh_new(const float (*position)[3], const uint32_t (*triangle)[3], uint32_t
     if (room > UINT32_MAX / 2 || !n) room = n;
     Bvh *bvh = calloc(1, sizeof *bvh);
     Builder b = { .position = position, .triangle = triangle, .n_twigs = 1 };
-    b.part = large_pages(sizeof *b.part * (room + 1));
-    b.twig = large_pages(sizeof *b.twig * (2 * room + 2));
+    b.part = aligned_alloc(sizeof *b.part, sizeof *b.part * (room + 1));
+    b.twig = aligned_alloc(sizeof(Quad), sizeof *b.twig * (2 * room + 2));
     if (!bvh || !b.part || !b.twig) goto fail;
 
     for (uint32_t i = 0; i < n; i++) b.part[i] = part_of(&b, i);
@@ -583,18 +576,28 @@ Bvh *bvh_new(const float (*position)[3], const uint32_t (*triangle)[3], uint32_t
     if (n) b.root_area = box_area(all.box);
     grow(&b, 0, 0, n, (uint32_t)room, 0, all);
 
-    plan(&b, 0);
-    bvh->bytes = b.used * UNIT;
-    bvh->allocation = b.tree = large_pages(bvh->bytes);
+    /* Of the parts only the numbers are still needed: the rest of their memory can go to the tree. */
+    b.id = (uint32_t *)(void *)b.part;
+    for (size_t i = 0; i < room; i++) b.id[i] = part_id(&b.part[i]);
+    uint32_t *smaller = realloc(b.id, sizeof *b.id * (room + 1));
+    if (smaller) b.id = smaller;
+    b.part = NULL;
+
+    bvh->bytes = units_of(&b, 0) * UNIT;
+    size_t page = bvh->bytes >> 21 ? (size_t)1 << 21 : 64, whole = (bvh->bytes + page - 1) / page * page;
+    bvh->allocation = b.tree = aligned_alloc(page, whole);
     if (!b.tree) goto fail;
-    b.used = 0;
+#ifdef MADV_HUGEPAGE
+    if (page > 64) madvise(b.tree, whole, MADV_HUGEPAGE);
+#endif
     bvh->tree = b.tree;
     bvh->root = collapse(&b, 0);
-    free(b.part);
+    free(b.id);
     free(b.twig);
     return bvh;
 fail:
     free(b.part);
+    free(b.id);
     free(b.twig);
     free(bvh);
     return NULL;
