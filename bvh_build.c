@@ -10,70 +10,10 @@
 #define _DEFAULT_SOURCE                /* for madvise: large pages save the traversal many misses of the address cache */
 #include <sys/mman.h>
 #endif
+#include "bvh_box.h"
 #include "bvh_tree.h"
 #include <stdlib.h>
 #include <string.h>
-#ifdef __SSE2__
-#include <immintrin.h>
-#endif
-
-/* Four floats, of which the box arithmetic uses three. */
-#ifdef __SSE2__
-typedef __m128 Quad;
-static inline Quad q_load(const float *p) { return _mm_loadu_ps(p); }
-static inline void q_store(float *p, Quad a) { _mm_storeu_ps(p, a); }
-static inline Quad q_set(float f) { return _mm_set1_ps(f); }
-static inline Quad q_min(Quad a, Quad b) { return _mm_min_ps(a, b); }
-static inline Quad q_max(Quad a, Quad b) { return _mm_max_ps(a, b); }
-static inline Quad q_add(Quad a, Quad b) { return _mm_add_ps(a, b); }
-static inline Quad q_sub(Quad a, Quad b) { return _mm_sub_ps(a, b); }
-static inline Quad q_mul(Quad a, Quad b) { return _mm_mul_ps(a, b); }
-static inline void q_truncate(int bin[4], Quad a) { _mm_storeu_si128((__m128i *)(void *)bin, _mm_cvttps_epi32(a)); }
-#else
-typedef struct { float f[4]; } Quad;
-static inline Quad q_load(const float *p) { Quad r; memcpy(r.f, p, sizeof r.f); return r; }
-static inline void q_store(float *p, Quad a) { memcpy(p, a.f, sizeof a.f); }
-static inline Quad q_set(float f) { return (Quad){ { f, f, f, f } }; }
-static inline Quad q_min(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] = least(a.f[i], b.f[i]); return a; }
-static inline Quad q_max(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] = greatest(a.f[i], b.f[i]); return a; }
-static inline Quad q_add(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] += b.f[i]; return a; }
-static inline Quad q_sub(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] -= b.f[i]; return a; }
-static inline Quad q_mul(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] *= b.f[i]; return a; }
-static inline void q_truncate(int bin[4], Quad a) { for (int i = 0; i < 4; i++) bin[i] = (int)a.f[i]; }
-#endif
-static inline Quad q_minus(Quad a) { return q_sub(q_set(0), a); }
-
-/* A box: its low sides, a float to spare, its high sides with the sign turned, a float to spare. Boxes join by a minimum of all eight. */
-#ifdef __AVX__
-typedef __m256 Box;
-static inline Box box_load(const float *p) { return _mm256_loadu_ps(p); }
-static inline void box_store(float *p, Box a) { _mm256_storeu_ps(p, a); }
-static inline Box box_of(Quad low, Quad minus_high) { return _mm256_set_m128(minus_high, low); }
-static inline Quad box_low(Box a) { return _mm256_castps256_ps128(a); }
-static inline Quad box_minus_high(Box a) { return _mm256_extractf128_ps(a, 1); }
-static inline Box box_join(Box a, Box b) { return _mm256_min_ps(a, b); }
-static inline Box box_meet(Box a, Box b) { return _mm256_max_ps(a, b); }
-#else
-typedef struct { Quad low, minus_high; } Box;
-static inline Box box_load(const float *p) { return (Box){ q_load(p), q_load(p + 4) }; }
-static inline void box_store(float *p, Box a) { q_store(p, a.low); q_store(p + 4, a.minus_high); }
-static inline Box box_of(Quad low, Quad minus_high) { return (Box){ low, minus_high }; }
-static inline Quad box_low(Box a) { return a.low; }
-static inline Quad box_minus_high(Box a) { return a.minus_high; }
-static inline Box box_join(Box a, Box b) { return (Box){ q_min(a.low, b.low), q_min(a.minus_high, b.minus_high) }; }
-static inline Box box_meet(Box a, Box b) { return (Box){ q_max(a.low, b.low), q_max(a.minus_high, b.minus_high) }; }
-#endif
-static inline Box box_empty(void) { return box_of(q_set(INFINITY), q_set(INFINITY)); }
-static inline Box box_point(Quad p) { return box_of(p, q_minus(p)); }
-static inline void box_sides(float d[4], Box b) { q_store(d, q_minus(q_add(box_low(b), box_minus_high(b)))); }
-
-/* half the surface area; only of boxes that are not empty */
-static inline float box_area(Box b)
-{
-    float d[4];
-    box_sides(d, b);
-    return d[0] * d[1] + d[1] * d[2] + d[2] * d[0];
-}
 
 /* A triangle, or the part of one in a box. The floats to spare hold the triangle's number and its surface, with the sign turned. */
 typedef struct { float bound[8]; } Part;
@@ -132,9 +72,22 @@ static Grid grid_over(Box box, int bins)
     return g;
 }
 
+/* To be cut across one axis only. */
+static Grid grid_along(int axis, Box box)
+{
+    Grid g = grid_over(box, BINS);
+    for (int a = 0; a < 3; a++) if (a != axis) g.step[a] = 0;
+    return g;
+}
+
 static inline void grid_bins(const Grid *g, Quad x, int bin[4])
 {
     q_truncate(bin, q_min(q_max(q_mul(q_sub(x, q_load(g->base)), q_load(g->scale)), q_set(0)), q_set((float)(g->bins - 1))));
+}
+
+static inline int grid_bin(const Grid *g, int axis, float x)
+{
+    return (int)least(greatest((x - g->base[axis]) * g->scale[axis], 0), (float)(g->bins - 1));
 }
 
 static float grid_side(const Grid *g, int axis, int bin) { return g->base[axis] + (float)bin * g->step[axis]; }
@@ -228,59 +181,49 @@ static uint32_t divide(Part *part, uint32_t n, const Grid *g, const Plane *plane
     return left;
 }
 
-/* The box of that part of the part which lies between two planes across an axis. */
-static Box clip(const Builder *b, const Part *part, int axis, float from, float to)
+/* Cuts a part at n planes across an axis, which lie one behind the other: the boxes of its n + 1 pieces. */
+static void cut_part(const Builder *b, const Part *part, int axis, const float *plane, int n, Box *piece)
 {
+    static const float unit[3][4] = { { 1, 0, 0, 0 }, { 0, 1, 0, 0 }, { 0, 0, 1, 0 } };
     const uint32_t *t = b->triangle[part_id(part)];
-    Box box = box_empty();
-    for (int k = 0; k < 3; k++) {
-        const float *p = b->position[t[k]], *q = b->position[t[(k + 1) % 3]];
-        float v[4] = { p[0], p[1], p[2], 0 };
-        if (v[axis] >= from && v[axis] <= to) box = box_join(box, box_point(q_load(v)));
-        for (int side = 0; side < 2; side++) {
-            float at = side ? to : from;
+    Quad across = q_load(unit[axis]), along = q_sub(q_set(1), across);
+    for (int k = 0; k <= n; k++) piece[k] = box_empty();
+    for (int i = 0; i < 3; i++) {
+        const float *p = b->position[t[i]], *q = b->position[t[(i + 1) % 3]];
+        Quad corner = q_point(p), edge = q_sub(q_point(q), corner);
+        for (int k = 0; k <= n; k++)
+            if ((k == 0 || p[axis] >= plane[k - 1]) && (k == n || p[axis] <= plane[k])) piece[k] = box_join(piece[k], box_point(corner));
+        for (int k = 0; k < n; k++) {
+            float at = plane[k];
             if ((p[axis] < at) == (q[axis] < at) || p[axis] == at || q[axis] == at) continue;
-            float f = (at - p[axis]) / (q[axis] - p[axis]);
-            for (int a = 0; a < 3; a++) v[a] = a == axis ? at : p[a] + f * (q[a] - p[a]);
-            box = box_join(box, box_point(q_load(v)));
+            Quad point = q_add(corner, q_mul(edge, q_set((at - p[axis]) / (q[axis] - p[axis]))));
+            Box box = box_point(q_add(q_mul(point, along), q_mul(q_set(at), across)));     /* on the plane without error */
+            piece[k] = box_join(piece[k], box);
+            piece[k + 1] = box_join(piece[k + 1], box);
         }
     }
-    return box_meet(box, part_box(part));
+    for (int k = 0; k <= n; k++) piece[k] = box_meet(piece[k], part_box(part));
 }
 
-static inline bool box_valid(Box b)
-{
-    float d[4];
-    box_sides(d, b);
-    return d[0] >= 0 && d[1] >= 0 && d[2] >= 0;
-}
-
-static int widest_axis(Box b)
-{
-    float d[4];
-    box_sides(d, b);
-    return d[0] > d[1] ? (d[0] > d[2] ? 0 : 2) : (d[1] > d[2] ? 1 : 2);
-}
-
-/* The best plane if it may cut through parts [Stich et al.]. */
+/* The best plane across an axis, the only one of the grid's, if it may cut through parts [Stich et al.]. */
 static Plane spatial_plane(const Builder *b, const Part *part, uint32_t n, const Grid *g, int axis)
 {
     Box box[3][BINS];
     uint32_t enter[3][BINS] = { { 0 } }, leave[3][BINS] = { { 0 } };
-    for (int a = 0; a < 3; a++)
-        for (int k = 0; k < g->bins; k++) box[a][k] = box_empty();
+    float side[BINS];
+    for (int k = 0; k < g->bins; k++) {
+        box[axis][k] = box_empty();
+        side[k] = grid_side(g, axis, k);
+    }
     for (uint32_t i = 0; i < n; i++) {
-        int all_first[4], all_last[4];
-        grid_bins(g, q_load(part[i].bound), all_first);
-        grid_bins(g, q_minus(q_load(part[i].bound + 4)), all_last);
-        int first = all_first[axis], last = all_last[axis];
+        int first = grid_bin(g, axis, part[i].bound[axis]), last = grid_bin(g, axis, -part[i].bound[axis + 4]);
         enter[axis][first]++;
         leave[axis][last]++;
-        for (int k = first; k <= last; k++) {
-            Box piece = first == last ? part_box(&part[i])
-                        : clip(b, &part[i], axis, k == first ? -INFINITY : grid_side(g, axis, k), k == last ? INFINITY : grid_side(g, axis, k + 1));
-            if (box_valid(piece)) box[axis][k] = box_join(box[axis][k], piece);
-        }
+        Box piece[BINS];
+        piece[0] = part_box(&part[i]);
+        if (first < last) cut_part(b, &part[i], axis, side + first + 1, last - first, piece);
+        for (int k = first; k <= last; k++)
+            if (box_valid(piece[k - first])) box[axis][k] = box_join(box[axis][k], piece[k - first]);
     }
     return best_plane(box, enter, leave, g);
 }
@@ -293,30 +236,28 @@ static uint32_t cut(const Builder *b, Part *part, uint32_t *n, uint32_t room, co
     uint32_t left = 0, right = *n, end = *n;
     while (left < right) {
         Part *p = &part[left];
-        int first[4], last[4];
-        grid_bins(g, q_load(p->bound), first);
-        grid_bins(g, q_minus(q_load(p->bound + 4)), last);
-        bool is_left = last[plane->axis] < plane->bin, is_right = first[plane->axis] >= plane->bin;
+        bool is_left = grid_bin(g, plane->axis, -p->bound[plane->axis + 4]) < plane->bin;
+        bool is_right = grid_bin(g, plane->axis, p->bound[plane->axis]) >= plane->bin;
         if (!is_left && !is_right) {
-            Box l = clip(b, p, plane->axis, -INFINITY, at), r = clip(b, p, plane->axis, at, INFINITY);
+            Box piece[2];
+            cut_part(b, p, plane->axis, &at, 1, piece);
             Box all_left = box_join(plane->left, part_box(p)), all_right = box_join(plane->right, part_box(p));
             float area_left = box_area(plane->left), area_right = box_area(plane->right);
             float both = area_left * (float)plane->n_left + area_right * (float)plane->n_right;
             float on_left = box_area(all_left) * (float)plane->n_left + area_right * (float)(plane->n_right - 1);
             float on_right = area_left * (float)(plane->n_left - 1) + box_area(all_right) * (float)plane->n_right;
-            if (!box_valid(r) || (on_left <= both && on_left <= on_right) || (end == room && on_left <= on_right)) {
+            if (!box_valid(piece[1]) || (on_left <= both && on_left <= on_right) || (end == room && on_left <= on_right)) {
                 is_left = true;
                 plane->left = all_left;
                 plane->n_right--;
-            } else if (!box_valid(l) || on_right <= both || end == room) {
+            } else if (!box_valid(piece[0]) || on_right <= both || end == room) {
                 is_right = true;
                 plane->right = all_right;
                 plane->n_left--;
             } else {
-                Part *piece = &part[end++];
-                *piece = *p;
-                part_shrink(p, l);
-                part_shrink(piece, r);
+                part[end] = *p;
+                part_shrink(&part[end++], piece[1]);
+                part_shrink(p, piece[0]);
                 is_left = true;
             }
         }
@@ -327,12 +268,6 @@ static uint32_t cut(const Builder *b, Part *part, uint32_t *n, uint32_t room, co
     }
     *n = end;
     return left;
-}
-
-static float overlap(Box a, Box b)
-{
-    Box both = box_meet(a, b);
-    return box_valid(both) ? box_area(both) : 0;
 }
 
 /* Moves the parts that are large for the box to the front, and returns how many; 0 unless they are few. A wall among furniture would widen
@@ -414,14 +349,15 @@ static Cost grow(Builder *b, uint32_t at, uint32_t first, uint32_t n, uint32_t r
     if (walls)
         left = walls;
     else if (depth + levels < MAX_DEPTH) {
-        Grid grid = grid_over(extent.centres, n < 64 ? 8 : 16);
+        Grid grid = grid_over(extent.centres, n < 64 ? BINS / 2 : BINS);
         Plane plane = object_plane(part, n, &grid);
         if (n <= GROUP && !(plane.cost < 0.9f * box_area(extent.box))) return weigh_leaf(twig);
         bool is_cut = false;
         /* Cutting pays only where the two sides would overlap much [Stich et al.]; along the longest axis is enough, at half the time. */
-        if (room > n && (plane.axis < 0 || overlap(plane.left, plane.right) > b->root_area * 1e-3f)) {
-            Grid space = grid_over(extent.box, 16);
-            Plane spatial = spatial_plane(b, part, n, &space, widest_axis(extent.box));
+        if (room > n && (plane.axis < 0 || box_overlap(plane.left, plane.right) > b->root_area * 1e-3f)) {
+            int axis = box_widest(extent.box);
+            Grid space = grid_along(axis, extent.box);
+            Plane spatial = spatial_plane(b, part, n, &space, axis);
             if (spatial.cost < 0.9f * plane.cost && spatial.n_left < n && spatial.n_right < n) {
                 left = cut(b, part, &total, room, &space, &spatial);
                 is_cut = true;
