@@ -12,6 +12,7 @@
 #endif
 #include "bvh_box.h"
 #include "bvh_tree.h"
+#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -80,9 +81,12 @@ static Grid grid_along(int axis, Box box)
     return g;
 }
 
+/* The bins as fractions; what is binned by them and divided by them falls on the same side. */
+static inline Quad grid_places(const Grid *g, Quad x) { return q_mul(q_sub(x, q_load(g->base)), q_load(g->scale)); }
+
 static inline void grid_bins(const Grid *g, Quad x, int bin[4])
 {
-    q_truncate(bin, q_min(q_max(q_mul(q_sub(x, q_load(g->base)), q_load(g->scale)), q_set(0)), q_set((float)(g->bins - 1))));
+    q_truncate(bin, q_min(q_max(grid_places(g, x), q_set(0)), q_set((float)(g->bins - 1))));
 }
 
 static inline int grid_bin(const Grid *g, int axis, float x)
@@ -165,17 +169,19 @@ static uint32_t divide(Part *part, uint32_t n, const Grid *g, const Plane *plane
 {
     const Box keep[2] = { box_empty(), box_of(q_set(-INFINITY), q_set(-INFINITY)) };
     Box first = box_empty(), second = first;
-    float base = g->base[plane->axis], scale = g->scale[plane->axis], bin = (float)plane->bin;
+    float at = (float)plane->bin, place[4];
     uint32_t left = 0;
     for (uint32_t i = 0; i < n; i++) {
         Box p = part_box(&part[i]), centre = box_point(part_centre(&part[i]));
-        bool is_left = (part[i].bound[plane->axis] - part[i].bound[plane->axis + 4] - base) * scale < bin;
+        q_store(place, grid_places(g, part_centre(&part[i])));
+        bool is_left = place[plane->axis] < at;
         first = box_join(first, box_meet(centre, keep[is_left]));
         second = box_join(second, box_meet(centre, keep[!is_left]));
         part[i] = part[left];
         box_store(part[left].bound, p);
         left += is_left;
     }
+    assert(left == plane->n_left);
     side[0] = (Extent){ plane->left, first };
     side[1] = (Extent){ plane->right, second };
     return left;
