@@ -518,7 +518,7 @@ Bvh *bvh_new(const float (*position)[3], const uint32_t (*triangle)[3], uint32_t
     if (n) b.root_area = box_area(all.box);
     grow(&b, 0, 0, n, (uint32_t)room, 0, all);
 
-    /* Of the parts only the numbers are still needed: the rest of their memory can go to the tree. */
+    /* Of the parts only the numbers are still needed, at the front of their memory: the rest can go to the tree. */
     b.id = (uint32_t *)(void *)b.part;
     for (size_t i = 0; i < room; i++) b.id[i] = part_id(&b.part[i]);
     uint32_t *smaller = realloc(b.id, sizeof *b.id * (room + 1));
