@@ -10,267 +10,260 @@
 #define _DEFAULT_SOURCE                /* for madvise: large pages save the traversal many misses of the address cache */
 #include <sys/mman.h>
 #endif
+#include "bvh_box.h"
 #include "bvh_tree.h"
+#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
-#ifdef __SSE2__
-#include <immintrin.h>
-#endif
 
-/* Four floats, of which the box arithmetic uses three. */
-#ifdef __SSE2__
-typedef __m128 Quad;
-static inline Quad q_load(const float *p) { return _mm_loadu_ps(p); }
-static inline void q_store(float *p, Quad a) { _mm_storeu_ps(p, a); }
-static inline Quad q_set(float f) { return _mm_set1_ps(f); }
-static inline Quad q_min(Quad a, Quad b) { return _mm_min_ps(a, b); }
-static inline Quad q_max(Quad a, Quad b) { return _mm_max_ps(a, b); }
-static inline Quad q_add(Quad a, Quad b) { return _mm_add_ps(a, b); }
-static inline Quad q_sub(Quad a, Quad b) { return _mm_sub_ps(a, b); }
-static inline Quad q_mul(Quad a, Quad b) { return _mm_mul_ps(a, b); }
-#else
-typedef struct { float f[4]; } Quad;
-static inline Quad q_load(const float *p) { Quad r; memcpy(r.f, p, sizeof r.f); return r; }
-static inline void q_store(float *p, Quad a) { memcpy(p, a.f, sizeof a.f); }
-static inline Quad q_set(float f) { return (Quad){ { f, f, f, f } }; }
-static inline Quad q_min(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] = least(a.f[i], b.f[i]); return a; }
-static inline Quad q_max(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] = greatest(a.f[i], b.f[i]); return a; }
-static inline Quad q_add(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] += b.f[i]; return a; }
-static inline Quad q_sub(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] -= b.f[i]; return a; }
-static inline Quad q_mul(Quad a, Quad b) { for (int i = 0; i < 4; i++) a.f[i] *= b.f[i]; return a; }
-#endif
+/* A triangle, or the part of one in a box. The floats to spare hold the triangle's number and its surface, with the sign turned. */
+typedef struct { float bound[8]; } Part;
 
-typedef struct { Quad low, high; } Box;
-
-static inline Box box_empty(void) { return (Box){ q_set(INFINITY), q_set(-INFINITY) }; }
-static inline Box box_join(Box a, Box b) { return (Box){ q_min(a.low, b.low), q_max(a.high, b.high) }; }
-
-/* half the surface area; only of boxes that are not empty */
-static inline float box_area(Box b)
+static inline uint32_t part_id(const Part *p) { uint32_t id; memcpy(&id, &p->bound[3], sizeof id); return id; }
+static inline float part_surface(const Part *p) { return -p->bound[7]; }
+static inline Box part_box(const Part *p) { return box_load(p->bound); }
+static inline void part_shrink(Part *p, Box b)
 {
-    float d[4];
-    q_store(d, q_sub(b.high, b.low));
-    return d[0] * d[1] + d[1] * d[2] + d[2] * d[0];
+    float bound[8];
+    box_store(bound, b);
+    for (int a = 0; a < 3; a++) { p->bound[a] = bound[a]; p->bound[a + 4] = bound[a + 4]; }
 }
 
-/* A triangle, or the part of one in a box. The fourth float of low holds the triangle's number, that of high is unused. */
-typedef struct { float low[4], high[4]; } Part;
-
-static inline uint32_t part_id(const Part *p) { uint32_t id; memcpy(&id, &p->low[3], sizeof id); return id; }
-static inline Box part_box(const Part *p) { return (Box){ q_load(p->low), q_load(p->high) }; }
-/* Halved before the sum, which cannot overflow then. */
-static inline Quad part_centre(const Part *p) { return q_add(q_mul(q_load(p->low), q_set(0.5f)), q_mul(q_load(p->high), q_set(0.5f))); }
+/* Twice the centre: so it is called below. */
+static inline Quad part_centre(const Part *p) { return q_sub(q_load(p->bound), q_load(p->bound + 4)); }
 
 /* A node of the binary tree: children left and left + 1 or, if left is 0, a leaf of the parts first .. first + count - 1. */
 typedef struct {
-    Box box;
+    float bound[8];                    /* a Box; surface of the triangles within in the first float to spare */
     uint32_t left, first, count;
-    float surface;                     /* of the triangles within */
-    float cost[WIDTH];                 /* cost[k]: least cost if the twig becomes at most k + 1 children of a wide node */
+    uint32_t shares;                   /* four bits for each number of slots, see weigh */
 } Twig;
+
+static inline Box twig_box(const Twig *t) { return box_load(t->bound); }
 
 typedef struct {
     const float (*position)[3];
     const uint32_t (*triangle)[3];
     Part *part;
+    uint32_t *id;                      /* of the parts, once nothing else of them is needed */
     Twig *twig;
     uint32_t n_twigs;
     float root_area;                   /* half the surface of the mesh's box */
     bool split_leaves;                 /* divide groups whose triangles lie apart */
-    unsigned char *tree;               /* NULL while the space is being counted */
+    unsigned char *tree;
     size_t used;                       /* in units */
 } Builder;
 
-enum { BINS = 32 };
-typedef struct { Box box; uint32_t enter, leave; } Bin;   /* parts whose first, whose last bin this is */
+enum { BINS = 16 };
 
-/* Bins over a box: bin = (x - base) * scale, per axis. */
-typedef struct { Quad base, scale; float step[4]; int bins; } Grid;
+/* Bins over a box: bin = (x - base) * scale, per axis. An axis along which the box has no length, or is not to be cut, has step 0. */
+typedef struct { float base[4], scale[4], step[4]; int bins; } Grid;
 
 static Grid grid_over(Box box, int bins)
 {
-    Grid g = { box.low, q_set(0), { 0 }, bins };
-    float extent[4], scale[4] = { 0 };
-    q_store(extent, q_sub(box.high, box.low));
+    Grid g = { .bins = bins };
+    float extent[4];
+    q_store(g.base, box_low(box));
+    box_sides(extent, box);
     for (int a = 0; a < 3; a++)
         if (extent[a] > 1e-30f && extent[a] < 1e30f) {
-            scale[a] = (float)bins * 0.9999f / extent[a];
-            g.step[a] = 1 / scale[a];
+            g.scale[a] = (float)bins * 0.9999f / extent[a];
+            g.step[a] = 1 / g.scale[a];
         }
-    g.scale = q_load(scale);
     return g;
 }
 
+/* To be cut across one axis only. */
+static Grid grid_along(int axis, Box box)
+{
+    Grid g = grid_over(box, BINS);
+    for (int a = 0; a < 3; a++) if (a != axis) g.step[a] = 0;
+    return g;
+}
+
+/* The bins as fractions; what is binned by them and divided by them falls on the same side. */
+static inline Quad grid_places(const Grid *g, Quad x) { return q_mul(q_sub(x, q_load(g->base)), q_load(g->scale)); }
+
 static inline void grid_bins(const Grid *g, Quad x, int bin[4])
 {
-    float f[4];
-    q_store(f, q_min(q_max(q_mul(q_sub(x, g->base), g->scale), q_set(0)), q_set((float)(g->bins - 1))));
-    for (int a = 0; a < 3; a++) bin[a] = (int)f[a];
+    q_truncate(bin, q_min(q_max(grid_places(g, x), q_set(0)), q_set((float)(g->bins - 1))));
 }
+
+static inline int grid_bin(const Grid *g, int axis, float x)
+{
+    return (int)least(greatest((x - g->base[axis]) * g->scale[axis], 0), (float)(g->bins - 1));
+}
+
+static float grid_side(const Grid *g, int axis, int bin) { return g->base[axis] + (float)bin * g->step[axis]; }
 
 static uint32_t groups_of(uint32_t n) { return (n + GROUP - 1) / GROUP; }
 
 /* The best plane between bins by the surface area heuristic, which counts groups. axis < 0: none. */
 typedef struct { float cost; int axis, bin; Box left, right; uint32_t n_left, n_right; } Plane;
 
-static Plane best_plane(Bin bins[3][BINS], const Grid *g)
+static Plane best_plane(Box box[3][BINS], uint32_t enter[3][BINS], uint32_t leave[3][BINS], const Grid *g)
 {
     Plane best = { .cost = INFINITY, .axis = -1 };
     for (int a = 0; a < 3; a++) {
         if (g->step[a] <= 0) continue;
-        Box right[BINS], left = box_empty();
-        uint32_t n_right[BINS], n_left = 0;
-        right[g->bins - 1] = bins[a][g->bins - 1].box;
-        n_right[g->bins - 1] = bins[a][g->bins - 1].leave;
-        for (int b = g->bins - 2; b > 0; b--) {
-            right[b] = box_join(right[b + 1], bins[a][b].box);
-            n_right[b] = n_right[b + 1] + bins[a][b].leave;
+        Box left = box_empty(), right = left;
+        float cost_right[BINS];
+        uint32_t n_left = 0, n_right = 0;
+        for (int b = g->bins - 1; b > 0; b--) {
+            right = box_join(right, box[a][b]);
+            n_right += leave[a][b];
+            cost_right[b] = box_area(right) * (float)groups_of(n_right);
         }
         for (int b = 1; b < g->bins; b++) {
-            left = box_join(left, bins[a][b - 1].box);
-            n_left += bins[a][b - 1].enter;
-            if (!n_left || !n_right[b]) continue;
-            float cost = box_area(left) * (float)groups_of(n_left) + box_area(right[b]) * (float)groups_of(n_right[b]);
-            if (cost < best.cost) best = (Plane){ cost, a, b, left, right[b], n_left, n_right[b] };
+            left = box_join(left, box[a][b - 1]);
+            n_left += enter[a][b - 1];
+            float cost = box_area(left) * (float)groups_of(n_left) + cost_right[b];    /* not a number if a side is empty */
+            if (cost < best.cost) { best.cost = cost; best.axis = a; best.bin = b; }
         }
     }
+    if (best.axis < 0) return best;
+    best.left = best.right = box_empty();
+    for (int b = 0; b < g->bins; b++)
+        if (b < best.bin) {
+            best.left = box_join(best.left, box[best.axis][b]);
+            best.n_left += enter[best.axis][b];
+        } else {
+            best.right = box_join(best.right, box[best.axis][b]);
+            best.n_right += leave[best.axis][b];
+        }
     return best;
 }
 
 static Plane object_plane(const Part *part, uint32_t n, const Grid *g)
 {
-    Bin bins[3][BINS];
+    Box box[3][BINS];
+    uint32_t count[3][BINS] = { { 0 } };
     for (int a = 0; a < 3; a++)
-        for (int b = 0; b < g->bins; b++) bins[a][b] = (Bin){ box_empty(), 0, 0 };
+        for (int b = 0; b < g->bins; b++) box[a][b] = box_empty();
     for (uint32_t i = 0; i < n; i++) {
         int b[4];
         grid_bins(g, part_centre(&part[i]), b);
-        Box box = part_box(&part[i]);
         for (int a = 0; a < 3; a++) {
-            Bin *bin = &bins[a][b[a]];
-            bin->box = box_join(bin->box, box);
-            bin->enter++;
-            bin->leave++;
+            box[a][b[a]] = box_join(box[a][b[a]], part_box(&part[i]));
+            count[a][b[a]]++;
         }
     }
-    return best_plane(bins, g);
+    return best_plane(box, count, count, g);
 }
 
-/* Reorders the parts and returns how many are on the first side. */
-static uint32_t divide(Part *part, uint32_t n, const Grid *g, const Plane *plane)
+/* What is around some parts, and around their centres. */
+typedef struct { Box box, centres; } Extent;
+
+static Extent extent_of(const Part *part, uint32_t n)
 {
-    uint32_t left = 0, right = n;
-    while (left < right) {
-        int b[4];
-        grid_bins(g, part_centre(&part[left]), b);
-        if (b[plane->axis] < plane->bin) { left++; continue; }
-        Part swap = part[--right];
-        part[right] = part[left];
-        part[left] = swap;
+    Extent e = { box_empty(), box_empty() };
+    for (uint32_t i = 0; i < n; i++) {
+        e.box = box_join(e.box, part_box(&part[i]));
+        e.centres = box_join(e.centres, box_point(part_centre(&part[i])));
     }
+    return e;
+}
+
+/* Reorders the parts and returns how many are on the first side. Without branches, which could not be predicted. */
+static uint32_t divide(Part *part, uint32_t n, const Grid *g, const Plane *plane, Extent side[2])
+{
+    const Box keep[2] = { box_empty(), box_of(q_set(-INFINITY), q_set(-INFINITY)) };
+    Box first = box_empty(), second = first;
+    float at = (float)plane->bin, place[4];
+    uint32_t left = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        Box p = part_box(&part[i]), centre = box_point(part_centre(&part[i]));
+        q_store(place, grid_places(g, part_centre(&part[i])));
+        bool is_left = place[plane->axis] < at;
+        first = box_join(first, box_meet(centre, keep[is_left]));
+        second = box_join(second, box_meet(centre, keep[!is_left]));
+        part[i] = part[left];
+        box_store(part[left].bound, p);
+        left += is_left;
+    }
+    assert(left == plane->n_left);
+    side[0] = (Extent){ plane->left, first };
+    side[1] = (Extent){ plane->right, second };
     return left;
 }
 
-/* The box of that part of the part which lies between two planes across an axis. */
-static Box clip(const Builder *b, const Part *part, int axis, float from, float to)
+/* Cuts a part at n planes across an axis, which lie one behind the other: the boxes of its n + 1 pieces. */
+static void cut_part(const Builder *b, const Part *part, int axis, const float *plane, int n, Box *piece)
 {
+    static const float unit[3][4] = { { 1, 0, 0, 0 }, { 0, 1, 0, 0 }, { 0, 0, 1, 0 } };
     const uint32_t *t = b->triangle[part_id(part)];
-    Box box = box_empty();
-    for (int k = 0; k < 3; k++) {
-        const float *p = b->position[t[k]], *q = b->position[t[(k + 1) % 3]];
-        float v[4] = { p[0], p[1], p[2], 0 };
-        if (v[axis] >= from && v[axis] <= to) box = box_join(box, (Box){ q_load(v), q_load(v) });
-        for (int side = 0; side < 2; side++) {
-            float at = side ? to : from;
+    Quad across = q_load(unit[axis]), along = q_sub(q_set(1), across);
+    for (int k = 0; k <= n; k++) piece[k] = box_empty();
+    for (int i = 0; i < 3; i++) {
+        const float *p = b->position[t[i]], *q = b->position[t[(i + 1) % 3]];
+        Quad corner = q_point(p), edge = q_sub(q_point(q), corner);
+        for (int k = 0; k <= n; k++)
+            if ((k == 0 || p[axis] >= plane[k - 1]) && (k == n || p[axis] <= plane[k])) piece[k] = box_join(piece[k], box_point(corner));
+        for (int k = 0; k < n; k++) {
+            float at = plane[k];
             if ((p[axis] < at) == (q[axis] < at) || p[axis] == at || q[axis] == at) continue;
-            float f = (at - p[axis]) / (q[axis] - p[axis]);
-            for (int a = 0; a < 3; a++) v[a] = a == axis ? at : p[a] + f * (q[a] - p[a]);
-            box = box_join(box, (Box){ q_load(v), q_load(v) });
+            Quad point = q_add(corner, q_mul(edge, q_set((at - p[axis]) / (q[axis] - p[axis]))));
+            Box box = box_point(q_add(q_mul(point, along), q_mul(q_set(at), across)));     /* on the plane without error */
+            piece[k] = box_join(piece[k], box);
+            piece[k + 1] = box_join(piece[k + 1], box);
         }
     }
-    return (Box){ q_max(box.low, q_load(part->low)), q_min(box.high, q_load(part->high)) };
+    for (int k = 0; k <= n; k++) piece[k] = box_meet(piece[k], part_box(part));
 }
 
-static inline bool box_valid(Box b)
+/* The best plane across an axis, the only one of the grid's, if it may cut through parts [Stich et al.]. */
+static Plane spatial_plane(const Builder *b, const Part *part, uint32_t n, const Grid *g, int axis)
 {
-    float low[4], high[4];
-    q_store(low, b.low);
-    q_store(high, b.high);
-    return low[0] <= high[0] && low[1] <= high[1] && low[2] <= high[2];
-}
-
-static float bin_side(const Grid *g, int axis, int bin)
-{
-    float base[4];
-    q_store(base, g->base);
-    return base[axis] + (float)bin * g->step[axis];
-}
-
-static int widest_axis(Box b)
-{
-    float d[4];
-    q_store(d, q_sub(b.high, b.low));
-    return d[0] > d[1] ? (d[0] > d[2] ? 0 : 2) : (d[1] > d[2] ? 1 : 2);
-}
-
-/* The best plane if it may cut through parts [Stich et al.]. */
-static Plane spatial_plane(const Builder *b, const Part *part, uint32_t n, const Grid *g, int only)
-{
-    Bin bins[3][BINS];
-    for (int a = 0; a < 3; a++)
-        for (int k = 0; k < g->bins; k++) bins[a][k] = (Bin){ box_empty(), 0, 0 };
+    Box box[3][BINS];
+    uint32_t enter[3][BINS] = { { 0 } }, leave[3][BINS] = { { 0 } };
+    float side[BINS];
+    for (int k = 0; k < g->bins; k++) {
+        box[axis][k] = box_empty();
+        side[k] = grid_side(g, axis, k);
+    }
     for (uint32_t i = 0; i < n; i++) {
-        int first[4], last[4];
-        grid_bins(g, q_load(part[i].low), first);
-        grid_bins(g, q_load(part[i].high), last);
-        for (int a = only; a <= only; a++) {
-            bins[a][first[a]].enter++;
-            bins[a][last[a]].leave++;
-            for (int k = first[a]; k <= last[a]; k++) {
-                Box box = first[a] == last[a] ? part_box(&part[i])
-                          : clip(b, &part[i], a, k == first[a] ? -INFINITY : bin_side(g, a, k), k == last[a] ? INFINITY : bin_side(g, a, k + 1));
-                if (box_valid(box)) bins[a][k].box = box_join(bins[a][k].box, box);
-            }
-        }
+        int first = grid_bin(g, axis, part[i].bound[axis]), last = grid_bin(g, axis, -part[i].bound[axis + 4]);
+        enter[axis][first]++;
+        leave[axis][last]++;
+        Box piece[BINS];
+        piece[0] = part_box(&part[i]);
+        if (first < last) cut_part(b, &part[i], axis, side + first + 1, last - first, piece);
+        for (int k = first; k <= last; k++)
+            if (box_valid(piece[k - first])) box[axis][k] = box_join(box[axis][k], piece[k - first]);
     }
-    return best_plane(bins, g);
+    return best_plane(box, enter, leave, g);
 }
 
 /* Cuts the parts at the plane, unless leaving one whole on one side is cheaper. Pieces are appended: there must be room for them.
  * Returns how many are on the first side; *n grows by the pieces. */
 static uint32_t cut(const Builder *b, Part *part, uint32_t *n, uint32_t room, const Grid *g, Plane *plane)
 {
-    float at = bin_side(g, plane->axis, plane->bin);
+    float at = grid_side(g, plane->axis, plane->bin);
     uint32_t left = 0, right = *n, end = *n;
     while (left < right) {
         Part *p = &part[left];
-        int first[4], last[4];
-        grid_bins(g, q_load(p->low), first);
-        grid_bins(g, q_load(p->high), last);
-        bool is_left = last[plane->axis] < plane->bin, is_right = first[plane->axis] >= plane->bin;
+        bool is_left = grid_bin(g, plane->axis, -p->bound[plane->axis + 4]) < plane->bin;
+        bool is_right = grid_bin(g, plane->axis, p->bound[plane->axis]) >= plane->bin;
         if (!is_left && !is_right) {
-            Box l = clip(b, p, plane->axis, -INFINITY, at), r = clip(b, p, plane->axis, at, INFINITY);
+            Box piece[2];
+            cut_part(b, p, plane->axis, &at, 1, piece);
             Box all_left = box_join(plane->left, part_box(p)), all_right = box_join(plane->right, part_box(p));
             float area_left = box_area(plane->left), area_right = box_area(plane->right);
             float both = area_left * (float)plane->n_left + area_right * (float)plane->n_right;
             float on_left = box_area(all_left) * (float)plane->n_left + area_right * (float)(plane->n_right - 1);
             float on_right = area_left * (float)(plane->n_left - 1) + box_area(all_right) * (float)plane->n_right;
-            if (!box_valid(r) || (on_left <= both && on_left <= on_right) || (end == room && on_left <= on_right)) {
+            if (!box_valid(piece[1]) || (on_left <= both && on_left <= on_right) || (end == room && on_left <= on_right)) {
                 is_left = true;
                 plane->left = all_left;
                 plane->n_right--;
-            } else if (!box_valid(l) || on_right <= both || end == room) {
+            } else if (!box_valid(piece[0]) || on_right <= both || end == room) {
                 is_right = true;
                 plane->right = all_right;
                 plane->n_left--;
             } else {
-                Part *piece = &part[end++];
-                *piece = *p;
-                uint32_t id = part_id(p);
-                q_store(p->low, l.low); q_store(p->high, l.high);
-                q_store(piece->low, r.low); q_store(piece->high, r.high);
-                memcpy(&p->low[3], &id, sizeof id);
-                memcpy(&piece->low[3], &id, sizeof id);
+                part[end] = *p;
+                part_shrink(&part[end++], piece[1]);
+                part_shrink(p, piece[0]);
                 is_left = true;
             }
         }
@@ -283,29 +276,17 @@ static uint32_t cut(const Builder *b, Part *part, uint32_t *n, uint32_t room, co
     return left;
 }
 
-static float overlap(Box a, Box b)
-{
-    Box both = { q_max(a.low, b.low), q_min(a.high, b.high) };
-    return box_valid(both) ? box_area(both) : 0;
-}
-
-/* of the whole triangle */
-static float part_surface(const Builder *b, const Part *part)
-{
-    const uint32_t *t = b->triangle[part_id(part)];
-    Vec3 p = from_float(b->position[t[0]]);
-    return (float)(0.5 * length(cross(sub(from_float(b->position[t[1]]), p), sub(from_float(b->position[t[2]]), p))));
-}
-
 /* Moves the parts that are large for the box to the front, and returns how many; 0 unless they are few. A wall among furniture would widen
  * the box of whatever it stood with, and cut to pieces it would lie deep in the tree; on its own it is a child near the root, where rays
  * that only want to know whether they are blocked meet it at once. */
-static uint32_t set_walls_apart(const Builder *b, Part *part, uint32_t n, Box box)
+static uint32_t set_walls_apart(Part *part, uint32_t n, Box box)
 {
-    float large = box_area(box) / 10;  /* in a cubic room each wall's two triangles are a sixth */
+    float large = box_area(box) / 10, bound[8];    /* in a cubic room each wall's two triangles are a sixth */
+    box_store(bound, box);
+    if (-bound[7] < large) return 0;   /* the largest surface of all */
     uint32_t walls = 0;
     for (uint32_t i = 0; i < n; i++) {
-        if (box_area(part_box(&part[i])) < large || part_surface(b, &part[i]) < large) continue;
+        if (box_area(part_box(&part[i])) < large || part_surface(&part[i]) < large) continue;
         Part swap = part[walls];
         part[walls++] = part[i];
         part[i] = swap;
@@ -313,54 +294,99 @@ static uint32_t set_walls_apart(const Builder *b, Part *part, uint32_t n, Box bo
     return walls <= n / 4 ? walls : 0;
 }
 
+/* A twig of few triangles is a group if it becomes one child, even if it could be divided among several. */
+static bool is_leaf(const Twig *t) { return t->count <= GROUP; }
+
+/* Least cost if a twig becomes at most k + 1 children of a wide node. */
+typedef struct { float slots[WIDTH]; } Cost;
+
+static Cost weigh_leaf(const Twig *t)
+{
+    Cost cost;
+    float area = t->count ? box_area(twig_box(t)) : 0;
+    for (int k = 0; k < WIDTH; k++) cost.slots[k] = area;
+    return cost;
+}
+
+/* Which twigs become the children of which wide nodes, at the least cost [Ylitie, Karras, Laine, Efficient incoherent ray traversal on GPUs
+ * through compressed wide BVHs]: of k + 1 slots, the bits from 4k on tell how many, less one, go to the first child; the highest of the four,
+ * that k slots are as good. */
+static Cost weigh(Twig *t, const Cost *l, const Cost *r)
+{
+    Cost cost;
+    float area = t->count ? box_area(twig_box(t)) : 0;
+    for (int k = 1; k < WIDTH; k++) {
+        int best = 0;
+        for (int i = 1; i < k; i++)
+            if (l->slots[i] + r->slots[k - 1 - i] < l->slots[best] + r->slots[k - 1 - best]) best = i;
+        cost.slots[k] = l->slots[best] + r->slots[k - 1 - best];
+        t->shares |= (uint32_t)best << 4 * k;
+    }
+    cost.slots[0] = is_leaf(t) ? area : area + cost.slots[WIDTH - 1];
+    for (int k = 1; k < WIDTH; k++)
+        if (!(cost.slots[k] < cost.slots[k - 1])) {
+            cost.slots[k] = cost.slots[k - 1];
+            t->shares |= 8u << 4 * k;
+        }
+    return cost;
+}
+
 /* Makes twig[at] the root over part[first .. first + n - 1]; the parts up to first + room are free for pieces. */
-static void grow(Builder *b, uint32_t at, uint32_t first, uint32_t n, uint32_t room, int depth)
+static Cost grow(Builder *b, uint32_t at, uint32_t first, uint32_t n, uint32_t room, int depth, Extent extent)
 {
     Twig *twig = &b->twig[at];
     Part *part = b->part + first;
-    Box box = box_empty(), centres = box_empty();
-    for (uint32_t i = 0; i < n; i++) {
-        Quad c = part_centre(&part[i]);
-        box = box_join(box, part_box(&part[i]));
-        centres = box_join(centres, (Box){ c, c });
-    }
-    *twig = (Twig){ .box = box, .first = first, .count = n };
+    *twig = (Twig){ .first = first, .count = n };
+    box_store(twig->bound, extent.box);
     if (n <= GROUP) {
-        for (uint32_t i = 0; i < n; i++) twig->surface += part_surface(b, &part[i]);
-        if (n < 2 || !b->split_leaves) return;
+        float surface = 0;
+        for (uint32_t i = 0; i < n; i++) surface += part_surface(&part[i]);
+        twig->bound[3] = surface;
+        if (n < 2 || !b->split_leaves) return weigh_leaf(twig);
         room = n;                      /* the parts stay together, so that weigh may make it a leaf after all */
     }
     /* Halving is enough once what remains would only fit so; it bounds recursion and the stack of the traversal. */
     int levels = 0;
     while (levels < 32 && n >> levels) levels++;
     uint32_t left = n / 2, total = n;
-    uint32_t walls = n >= 32 && depth + levels < MAX_DEPTH ? set_walls_apart(b, part, n, box) : 0;
+    uint32_t walls = n >= 32 && depth + levels < MAX_DEPTH ? set_walls_apart(part, n, extent.box) : 0;
+    Extent side[2];
+    bool measured = false;
     if (walls)
         left = walls;
     else if (depth + levels < MAX_DEPTH) {
-        Grid grid = grid_over(centres, n < 64 ? 8 : 16);
+        Grid grid = grid_over(extent.centres, n < 64 ? BINS / 2 : BINS);
         Plane plane = object_plane(part, n, &grid);
-        if (n <= GROUP && !(plane.cost < 0.9f * box_area(box))) return;
+        if (n <= GROUP && !(plane.cost < 0.9f * box_area(extent.box))) return weigh_leaf(twig);
         bool is_cut = false;
         /* Cutting pays only where the two sides would overlap much [Stich et al.]; along the longest axis is enough, at half the time. */
-        if (room > n && (plane.axis < 0 || overlap(plane.left, plane.right) > b->root_area * 1e-3f)) {
-            Grid space = grid_over(box, 16);
-            Plane spatial = spatial_plane(b, part, n, &space, widest_axis(box));
+        if (room > n && (plane.axis < 0 || box_overlap(plane.left, plane.right) > b->root_area * 1e-3f)) {
+            int axis = box_widest(extent.box);
+            Grid space = grid_along(axis, extent.box);
+            Plane spatial = spatial_plane(b, part, n, &space, axis);
             if (spatial.cost < 0.9f * plane.cost && spatial.n_left < n && spatial.n_right < n) {
                 left = cut(b, part, &total, room, &space, &spatial);
                 is_cut = true;
             }
         }
-        if (!is_cut && plane.axis >= 0) left = divide(part, n, &grid, &plane);
-        if (!left || left == total) left = total / 2;
+        if (!is_cut && plane.axis >= 0) {
+            left = divide(part, n, &grid, &plane, side);
+            measured = true;
+        }
+        if (!left || left == total) { left = total / 2; measured = false; }
     }
     uint32_t right = total - left, spare = walls ? 0 : (uint32_t)((double)(room - total) * left / total);
+    if (!measured) {
+        side[0] = extent_of(part, left);
+        side[1] = extent_of(part + left, right);
+    }
     if (spare) memmove(part + left + spare, part + left, right * sizeof *part);
     uint32_t child = twig->left = b->n_twigs;
     b->n_twigs += 2;
-    grow(b, child, first, left, left + spare, depth + 1);
-    grow(b, child + 1, first + left + spare, right, room - left - spare, depth + 1);
-    b->twig[at].surface = b->twig[child].surface + b->twig[child + 1].surface;
+    Cost l = grow(b, child, first, left, left + spare, depth + 1, side[0]);
+    Cost r = grow(b, child + 1, first + left + spare, right, room - left - spare, depth + 1, side[1]);
+    twig->bound[3] = b->twig[child].bound[3] + b->twig[child + 1].bound[3];
+    return weigh(twig, &l, &r);
 }
 
 static void fill_group(const Builder *b, Group *group, const Twig *twig)
@@ -369,7 +395,7 @@ static void fill_group(const Builder *b, Group *group, const Twig *twig)
     for (uint32_t i = 0; i < GROUP; i++) {
         group->id[i] = BVH_NONE;
         if (i >= twig->count) continue;
-        group->id[i] = part_id(&b->part[twig->first + i]);
+        group->id[i] = b->id[twig->first + i];
         for (int k = 0; k < 3; k++)
             for (int a = 0; a < 3; a++) group->vertex[k][a][i] = b->position[b->triangle[group->id[i]][k]][a];
     }
@@ -379,7 +405,7 @@ static void fill_group(const Builder *b, Group *group, const Twig *twig)
  * area S in it S / (half the box's area) times on average. The 2 suits surfaces that stand in clusters, but is only measured. */
 static float score(const Twig *t)
 {
-    float a = t->surface / box_area(t->box);
+    float a = t->bound[3] / box_area(twig_box(t));
     return a / (2 + a) / (t->count > GROUP ? 1 + log2f((float)t->count / GROUP) / 2 : 1);
 }
 
@@ -390,89 +416,83 @@ static size_t take(Builder *b, size_t bytes)
     return at;
 }
 
-/* A twig of few triangles is a group if it becomes one child, even if it could be divided among several. */
-static bool is_leaf(const Twig *t) { return t->count <= GROUP; }
-
-/* The cheapest way to give a twig's two children k + 1 slots in all (k > 0): how many, less one, to the first. */
-static int share(const Builder *b, const Twig *t, int k)
-{
-    const float *l = b->twig[t->left].cost, *r = b->twig[t->left + 1].cost;
-    int best = 0;
-    for (int i = 1; i < k; i++)
-        if (l[i] + r[k - 1 - i] < l[best] + r[k - 1 - best]) best = i;
-    return best;
-}
-
-/* Which twigs become the children of which wide nodes, at the least cost [Ylitie, Karras, Laine, Efficient incoherent ray traversal on GPUs
- * through compressed wide BVHs]. Twigs come after their parents. */
-static void weigh(Builder *b)
-{
-    for (uint32_t i = b->n_twigs; i-- > 0;) {
-        Twig *t = &b->twig[i];
-        float area = t->count ? box_area(t->box) : 0;
-        if (!t->left) {
-            for (int k = 0; k < WIDTH; k++) t->cost[k] = area;
-            continue;
-        }
-        for (int k = WIDTH - 1; k > 0; k--) {
-            int l = share(b, t, k);
-            t->cost[k] = b->twig[t->left].cost[l] + b->twig[t->left + 1].cost[k - 1 - l];
-        }
-        t->cost[0] = is_leaf(t) ? area : area + t->cost[WIDTH - 1];
-        for (int k = 1; k < WIDTH; k++) if (t->cost[k] > t->cost[k - 1]) t->cost[k] = t->cost[k - 1];
-    }
-}
-
 /* The twigs that stand for a twig in k + 1 slots; returns how many they are. */
 static int gather(const Builder *b, uint32_t at, int k, uint32_t *pick)
 {
     const Twig *t = &b->twig[at];
-    while (k > 0 && t->left && !(t->cost[k] < t->cost[k - 1])) k--;
+    while (k > 0 && t->left && t->shares >> 4 * k & 8) k--;
     if (!t->left || k == 0) { *pick = at; return 1; }
-    int l = share(b, t, k), n = gather(b, t->left, l, pick);
+    int l = t->shares >> 4 * k & 7, n = gather(b, t->left, l, pick);
     return n + gather(b, t->left + 1, k - 1 - l, pick + n);
 }
 
-/* Writes the wide node over a twig, its groups next to it, then the nodes below; or only counts the space. */
+/* The twigs that become the children of the wide node over one. */
+static int gather_children(const Builder *b, uint32_t root, uint32_t pick[WIDTH])
+{
+    const Twig *t = &b->twig[root];
+    pick[0] = root;
+    if (!t->left) return 1;
+    int l = t->shares >> 4 * (WIDTH - 1) & 7, n = gather(b, t->left, l, pick);
+    return n + gather(b, t->left + 1, WIDTH - 2 - l, pick + n);
+}
+
+/* The space of the wide node over a twig and of all below, in units. */
+static size_t units_of(const Builder *b, uint32_t root)
+{
+    uint32_t pick[WIDTH];
+    int n = gather_children(b, root, pick);
+    size_t units = sizeof(Node) / UNIT;
+    for (int i = 0; i < n; i++) units += is_leaf(&b->twig[pick[i]]) ? sizeof(Group) / UNIT : units_of(b, pick[i]);
+    return units;
+}
+
+/* Writes the wide node over a twig, its groups next to it, then the nodes below. */
 static Child collapse(Builder *b, uint32_t root)
 {
-    uint32_t pick[WIDTH] = { root };
-    int n = 1;
-    if (b->twig[root].left) {
-        int l = share(b, &b->twig[root], WIDTH - 1);
-        n = gather(b, b->twig[root].left, l, pick);
-        n += gather(b, b->twig[root].left + 1, WIDTH - 2 - l, pick + n);
-    }
+    uint32_t pick[WIDTH];
+    int n = gather_children(b, root, pick);
     /* worst blocker first: bvh_any takes children from the last slot on */
-    for (int i = 1; i < n; i++) {
+    float blocks[WIDTH];
+    for (int i = 0; i < n; i++) {
         uint32_t p = pick[i];
+        float s = score(&b->twig[p]);
         int k = i;
-        for (; k > 0 && score(&b->twig[pick[k - 1]]) > score(&b->twig[p]); k--) pick[k] = pick[k - 1];
+        for (; k > 0 && blocks[k - 1] > s; k--) { pick[k] = pick[k - 1]; blocks[k] = blocks[k - 1]; }
         pick[k] = p;
+        blocks[k] = s;
     }
     size_t place = take(b, sizeof(Node));
-    Node *node = b->tree ? (Node *)(void *)(b->tree + place * UNIT) : NULL;
-    if (node)
-        for (int i = 0; i < WIDTH; i++) {
-            float low[4] = { INFINITY, INFINITY, INFINITY }, high[4] = { -INFINITY, -INFINITY, -INFINITY };
-            if (i < n) { q_store(low, b->twig[pick[i]].box.low); q_store(high, b->twig[pick[i]].box.high); }
-            for (int a = 0; a < 3; a++) { node->bound[2 * a][i] = low[a]; node->bound[2 * a + 1][i] = high[a]; }
-            node->child[i] = 0;
+    Node *node = (Node *)(void *)(b->tree + place * UNIT);
+    for (int i = 0; i < WIDTH; i++) {
+        for (int a = 0; a < 3; a++) {
+            node->bound[2 * a][i] = i < n ? b->twig[pick[i]].bound[a] : INFINITY;
+            node->bound[2 * a + 1][i] = i < n ? -b->twig[pick[i]].bound[a + 4] : -INFINITY;
         }
-    for (int i = 0; i < n; i++) {
-        const Twig *t = &b->twig[pick[i]];
-        if (!is_leaf(t)) continue;
+        node->child[i] = 0;
+        if (i >= n || !is_leaf(&b->twig[pick[i]])) continue;
         size_t group = take(b, sizeof(Group));
-        if (!node) continue;
         node->child[i] = (Child)(group << 1 | 1);
-        fill_group(b, (Group *)(void *)(b->tree + group * UNIT), t);
+        fill_group(b, (Group *)(void *)(b->tree + group * UNIT), &b->twig[pick[i]]);
     }
-    for (int i = 0; i < n; i++) {
-        if (is_leaf(&b->twig[pick[i]])) continue;
-        Child child = collapse(b, pick[i]);
-        if (node) node->child[i] = child;
-    }
+    for (int i = 0; i < n; i++)
+        if (!is_leaf(&b->twig[pick[i]])) node->child[i] = collapse(b, pick[i]);
     return (Child)(place << 1);
+}
+
+/* The whole triangle. */
+static Part part_of(const Builder *b, uint32_t id)
+{
+    const uint32_t *t = b->triangle[id];
+    const float *p[3] = { b->position[t[0]], b->position[t[1]], b->position[t[2]] };
+    Part part;
+    memcpy(&part.bound[3], &id, sizeof id);
+    for (int a = 0; a < 3; a++) {
+        part.bound[a] = least(p[0][a], least(p[1][a], p[2][a]));
+        part.bound[a + 4] = -greatest(p[0][a], greatest(p[1][a], p[2][a]));
+    }
+    Vec3 corner = from_float(p[0]);
+    part.bound[7] = (float)(-0.5 * length(cross(sub(from_float(p[1]), corner), sub(from_float(p[2]), corner))));
+    return part;
 }
 
 Bvh *bvh_new(const float (*position)[3], const uint32_t (*triangle)[3], uint32_t n, BvhEffort effort)
@@ -481,54 +501,45 @@ Bvh *bvh_new(const float (*position)[3], const uint32_t (*triangle)[3], uint32_t
     if (room > UINT32_MAX / 2 || !n) room = n;
     Bvh *bvh = calloc(1, sizeof *bvh);
     Builder b = { .position = position, .triangle = triangle, .n_twigs = 1 };
-    b.part = malloc(sizeof *b.part * (room + 1));
+    b.part = aligned_alloc(sizeof *b.part, sizeof *b.part * (room + 1));
     b.twig = aligned_alloc(sizeof(Quad), sizeof *b.twig * (2 * room + 2));
     if (!bvh || !b.part || !b.twig) goto fail;
 
-    Box all = box_empty();
-    for (uint32_t i = 0; i < n; i++) {
-        Part p;
-        for (int a = 0; a < 3; a++) {
-            float f[3] = { position[triangle[i][0]][a], position[triangle[i][1]][a], position[triangle[i][2]][a] };
-            p.low[a] = least(f[0], least(f[1], f[2]));
-            p.high[a] = greatest(f[0], greatest(f[1], f[2]));
-        }
-        memcpy(&p.low[3], &i, sizeof i);
-        p.high[3] = 0;
-        b.part[i] = p;
-        all = box_join(all, part_box(&p));
-    }
-    if (n) {
-        float low[4], high[4];
-        q_store(low, all.low);
-        q_store(high, all.high);
-        for (int a = 0; a < 3; a++) {
-            bvh->low[a] = (double)low[a];
-            bvh->high[a] = (double)high[a];
-            bvh->reach = fmax(bvh->reach, fmax(fabs(bvh->low[a]), fabs(bvh->high[a])));
-        }
+    for (uint32_t i = 0; i < n; i++) b.part[i] = part_of(&b, i);
+    Extent all = extent_of(b.part, n);
+    float bound[8];
+    box_store(bound, all.box);
+    for (int a = 0; n && a < 3; a++) {
+        bvh->low[a] = (double)bound[a];
+        bvh->high[a] = -(double)bound[a + 4];
+        bvh->reach = fmax(bvh->reach, fmax(fabs(bvh->low[a]), fabs(bvh->high[a])));
     }
     b.split_leaves = effort == BVH_BEST;
-    if (n) b.root_area = box_area(all);
-    grow(&b, 0, 0, n, (uint32_t)room, 0);
+    if (n) b.root_area = box_area(all.box);
+    grow(&b, 0, 0, n, (uint32_t)room, 0, all);
 
-    weigh(&b);
-    collapse(&b, 0);
-    bvh->bytes = b.used * UNIT;
-    size_t page = bvh->bytes >> 21 ? (size_t)1 << 21 : 64;
-    bvh->allocation = b.tree = aligned_alloc(page, (bvh->bytes + page - 1) / page * page);
+    /* Of the parts only the numbers are still needed, at the front of their memory: the rest can go to the tree. */
+    b.id = (uint32_t *)(void *)b.part;
+    for (size_t i = 0; i < room; i++) b.id[i] = part_id(&b.part[i]);
+    uint32_t *smaller = realloc(b.id, sizeof *b.id * (room + 1));
+    if (smaller) b.id = smaller;
+    b.part = NULL;
+
+    bvh->bytes = units_of(&b, 0) * UNIT;
+    size_t page = bvh->bytes >> 21 ? (size_t)1 << 21 : 64, whole = (bvh->bytes + page - 1) / page * page;
+    bvh->allocation = b.tree = aligned_alloc(page, whole);
     if (!b.tree) goto fail;
 #ifdef MADV_HUGEPAGE
-    if (page > 64) madvise(b.tree, (bvh->bytes + page - 1) / page * page, MADV_HUGEPAGE);
+    if (page > 64) madvise(b.tree, whole, MADV_HUGEPAGE);
 #endif
-    b.used = 0;
     bvh->tree = b.tree;
     bvh->root = collapse(&b, 0);
-    free(b.part);
+    free(b.id);
     free(b.twig);
     return bvh;
 fail:
     free(b.part);
+    free(b.id);
     free(b.twig);
     free(bvh);
     return NULL;
