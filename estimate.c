@@ -49,7 +49,7 @@ static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
         for (int i = 0; i < 3; i++) {
             e.value[i] = sum[i] * inv_n;
             /* one sample is no more than a guess */
-            e.sampled_variance[i] = n > 1 ? larger(0, square[i] * inv_n - e.value[i] * e.value[i]) * rest : square[i];
+            e.sampled_variance[i] = n > 1 ? larger(0, square[i] * inv_n - e.value[i] * e.value[i]) * rest * p->evenness : square[i];
             if (of->light > 0) {
                 e.value[i] += of->light * p->light[3 * pixel + (size_t)i];
                 e.sampled_variance[i] += of->light * of->light * p->light_square[3 * pixel + (size_t)i];
@@ -66,6 +66,27 @@ static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
         }
     }
     return e;
+}
+
+/* A pixel's samples fill it, and the lamps, evenly, and so err less than the variance of one of them says. By how much, the two halves of a power of two of
+ * passes tell, each as even as it can be by itself: the mean of a half has the variance of the whole twice over. */
+void run_evenness(Render *r)
+{
+    Passes *p = &r->passes;
+    uint64_t passes = p->rows / r->scene->camera.height;
+    size_t values = 3 * r->pixels;
+    if ((passes & (passes - 1)) != 0) return;
+    if (passes >= 4) {
+        double n = (double)passes, mean = 0, halves = 0, samples = 0;
+        for (size_t i = 0; i < values; i++) mean += p->sum[i] / (n * (double)values);
+        for (size_t i = 0; i < values; i++) {
+            double value = p->sum[i] / n, half = (2 * p->earlier[i] - p->sum[i]) / n, inverse = 1 / (value * value + 0.01 * mean * mean);
+            halves += half * half * inverse;
+            samples += larger(0, p->square[i] / n - value * value) / (n - 1) * inverse;
+        }
+        p->evenness = samples > 0 ? fmin(halves / samples, 1) : 1;
+    }
+    memcpy(p->earlier, p->sum, values * sizeof *p->earlier);
 }
 
 static float smaller_f(float a, float b) { return a < b ? a : b; }

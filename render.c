@@ -51,7 +51,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     bool ok = (r->bdpt = bdpt_new()) && (r->x = malloc(sizeof *r->x)) && (r->y = malloc(sizeof *r->y)) && (r->trail = malloc(sizeof *r->trail));
     if (r->has_direct)
         ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.direct = calloc(r->pixels, 8))
-            && (r->passes.count = calloc(scene->camera.height, 4));
+            && (r->passes.earlier = calloc(doubles, 8))            && (r->passes.count = calloc(scene->camera.height, 4));
     if (settings->integrator == INTEGRATOR_BDPT || (r->has_chain && r->has_direct && scene->has_specular))
         ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)
@@ -64,6 +64,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     r->rate = 1e6;
     r->samples_rate = 1e4;
     r->samples_per_step = 0.2;
+    r->passes.evenness = 1;
     r->relative_error = NAN;
     r->last_round = PILOTS + ROUNDS;
     return r;
@@ -74,7 +75,7 @@ void render_free(Render *r)
     if (!r) return;
     bdpt_free(r->bdpt);
     Passes *p = &r->passes;
-    void *owned[] = { r->x, r->y, r->trail, p->sum, p->square, p->direct, p->count, p->light, p->light_square, r->film, r->sum, r->square, r };
+    void *owned[] = { r->x, r->y, r->trail, p->sum, p->square, p->direct, p->earlier, p->count, p->light, p->light_square, r->film, r->sum, r->square, r };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
 }
 
@@ -143,6 +144,7 @@ static bool sample_row(Render *r)
     p->rows++;
     p->count[row]++;
     p->rays += *r->scene->rays - rays;
+    if (p->rows % height == 0) run_evenness(r);
     return true;
 }
 
@@ -363,6 +365,7 @@ static bool end_pilot(Render *r)
     memset(r->passes.direct, 0, r->pixels * sizeof *r->passes.direct);
     memset(r->passes.count, 0, r->scene->camera.height * sizeof *r->passes.count);
     r->passes.rows = r->passes.rays = 0;
+    r->passes.evenness = 1;
     return one_pass(r);
 }
 

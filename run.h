@@ -8,6 +8,8 @@
 typedef struct {
     double *sum, *square, *light, *light_square;   /* [pixels][3]; light only for bdpt, and for what run_spread moves */
     double *direct;                /* [pixels] of 'sum', over channels, what is direct light: it may be large in one pixel alone, and is no outlier */
+    double *earlier;               /* [pixels][3] 'sum' when the passes were last a power of two */
+    double evenness;               /* variance of the picture over what samples that know nothing of each other would leave; 1 while unknown */
     uint32_t *count;               /* [height] samples in each pixel of a row */
     uint64_t rows;                 /* sampled so far; the pass is rows / height */
     uint64_t rays;
@@ -67,6 +69,8 @@ void run_close_chains(Render *render);
 /* The part of the film that a pixel (column, row) is in, and how many there are. */
 uint32_t run_tile(const Render *render, uint32_t x, uint32_t y);
 uint32_t run_tiles(const Render *render);
+/* After each pass of independent samples: measures their evenness, now and then. */
+void run_evenness(Render *render);
 /* Estimates the error of the picture, and from it the shares of work and the two-stage weight. */
 void run_learn(Render *render);
 /* After an earlier run's state was read: lets a run whose rounds are all done have more. */

@@ -113,7 +113,7 @@ static void pass_path(Stream *s, Path *x, const Mesh *mesh)
 static void pass_state(Stream *s, Render *r)
 {
     size_t doubles = 3 * r->pixels * sizeof(double);
-    double *arrays[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square, r->sum, r->square };
+    double *arrays[] = { r->passes.sum, r->passes.square, r->passes.earlier, r->passes.light, r->passes.light_square, r->sum, r->square };
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) pass_array(s, arrays[i], doubles);
     pass_array(s, r->passes.direct, r->pixels * sizeof *r->passes.direct);
     pass_array(s, r->passes.count, r->scene->camera.height * sizeof *r->passes.count);
@@ -122,7 +122,7 @@ static void pass_state(Stream *s, Render *r)
     pass(s, &r->passes.rays, sizeof r->passes.rays);
     pass(s, r->scene->rays, sizeof *r->scene->rays);
     double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share,
-                          &r->samples_per_step, &r->seeds_per_sample, &r->relative_error, &r->unlearned, &r->tau };
+                          &r->samples_per_step, &r->seeds_per_sample, &r->relative_error, &r->unlearned, &r->tau, &r->passes.evenness };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
     uint64_t divided = r->chain_space.part != WHOLE;
     pass(s, r->tile, sizeof r->tile);
