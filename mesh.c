@@ -135,17 +135,17 @@ static bool settle_triangles(Mesh *m)
             if (isnan(side)) n[0] = BVH_NONE;
             else any_normal = true;
         }
-        m->triangle_material[kept] = m->triangle_material[i];
-        mesh_set3(m->triangle[kept], t[0], t[1], t[2]);
-        if (turned) swap_last(m->triangle[kept]);
-        if (n) {
-            mesh_set3(m->triangle_normal[kept], n[0], n[1], n[2]);
-            if (turned) swap_last(m->triangle_normal[kept]);
+        uint32_t *uv = m->triangle_uv ? m->triangle_uv[i] : NULL;
+        if (turned) {
+            swap_last(t);
+            swap_last(n);
+            if (uv) swap_last(uv);
         }
-        if (m->triangle_uv) {
-            const uint32_t *uv = m->triangle_uv[i];
-            mesh_set3(m->triangle_uv[kept], uv[0], uv[1], uv[2]);
-            if (turned) swap_last(m->triangle_uv[kept]);
+        if (kept < i) {
+            m->triangle_material[kept] = m->triangle_material[i];
+            mesh_set3(m->triangle[kept], t[0], t[1], t[2]);
+            if (n) mesh_set3(m->triangle_normal[kept], n[0], n[1], n[2]);
+            if (uv) mesh_set3(m->triangle_uv[kept], uv[0], uv[1], uv[2]);
         }
         kept++;
     }

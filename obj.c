@@ -62,7 +62,7 @@ static bool number_error(Reader *r, char *p)
  * or NULL after an error. Nothing is stored before the line is known to be right, as a line with leftovers may be read again (text_join). */
 
 /* Numbers separated by blanks; returns how many. *end is where reading stopped. */
-static inline int read_numbers(char *p, double *value, int most, char **end)
+static int read_any_numbers(char *p, double *value, int most, char **end)
 {
     int n = 0;
     for (; n < most; n++) {
@@ -76,6 +76,14 @@ static inline int read_numbers(char *p, double *value, int most, char **end)
     return n;
 }
 
+/* The same, quick for what most files have. */
+static inline int read_numbers(char *p, double *value, int most, char **end)
+{
+    p = skip_blanks(p);
+    *end = numbers_scan(p, most, value);
+    return *end ? most : read_any_numbers(p, value, most, end);
+}
+
 /* v x y z, and then nothing, w, a colour of three or four numbers, or both. */
 static char *read_position(Reader *r, char *p)
 {
@@ -83,7 +91,7 @@ static char *read_position(Reader *r, char *p)
     char *end;
     if (read_numbers(p, v, 3, &end) < 3) return *end == '\\' || number_error(r, end) ? end : NULL;
     if (*end != '\n') {
-        int n = read_numbers(end, extra, 5, &end);
+        int n = read_any_numbers(end, extra, 5, &end);
         end = skip_blanks(end);
         if (*end == '\\') return end;
         if (n > 0 || !is_stop(*end)) {
@@ -105,7 +113,8 @@ static char *read_uv(Reader *r, char *p)
 {
     double v[3] = { 0, 0, 0 };
     char *end;
-    int n = read_numbers(p, v, 3, &end);
+    int n = read_numbers(p, v, 2, &end);
+    if (n == 2 && *end != '\n') read_any_numbers(end, v + 2, 1, &end);
     end = skip_blanks(end);
     if (*end == '\\') return end;
     if (n == 1) v[1] = 0;
@@ -177,26 +186,50 @@ static bool index_error(Reader *r, char *p)
     return report_error(r->report, r->text.path, r->text.line, "'%s' is not a corner of a face: V, V/VT, V//VN or V/VT/VN", quote_token(p).text);
 }
 
-static char *read_corners(Reader *r, char *p, uint32_t *n)
+static char *read_corner(Reader *r, char *p, Corner *c)
 {
     const Mesh *m = &r->mesh;
-    for (*n = 0;; ++*n) {
-        if (!(*p >= '0' && *p <= '9')) {
-            p = skip_blanks(p);
-            if (is_stop(*p) || *p == '\\') return p;
+    char *q = read_index(r, p, m->n_positions, false, &r->forward_position, &c->position);
+    if (!q) return index_error(r, p), NULL;
+    if (c->position == BVH_NONE)
+        return report_error(r->report, r->text.path, r->text.line, "vertex index %s is out of range: %u vertices so far",
+                            quote_token(p).text, (unsigned)m->n_positions), NULL;
+    c->uv = c->normal = BVH_NONE;
+    if (*q == '/') q = read_index(r, q + 1, m->n_uvs, true, &r->forward_uv, &c->uv);
+    if (q && *q == '/') q = read_index(r, q + 1, m->n_normals, true, &r->forward_normal, &c->normal);
+    if (!q || !is_token_end(*q)) return index_error(r, p), NULL;
+    return q;
+}
+
+/* The same, quick for what most files have; NULL, without an error, if it is not that. */
+static inline char *read_common_corner(const uint32_t count[3], char *p, Corner *c)
+{
+    uint32_t index[3];
+    char *end = indices_scan(p, index);
+    if (!end || index[0] > count[0] || index[1] > count[1] || index[2] > count[2]) return NULL;
+    *c = (Corner){ index[0] - 1, index[1] - 1, index[2] - 1 };     /* absent: BVH_NONE */
+    return end;
+}
+
+static char *read_corners(Reader *r, char *p, uint32_t *n)
+{
+    const uint32_t count[3] = { r->mesh.n_positions, r->mesh.n_uvs, r->mesh.n_normals };
+    for (uint32_t k = 0;; k++) {
+        Corner *corner = r->corner;
+        for (uint32_t room = r->corners_capacity; k < room;) {
+            char *q = read_common_corner(count, p, &corner[k]);
+            if (!q) break;
+            k++;
+            p = q;
+            if (*p != ' ') break;
+            p++;
         }
-        if (*n == r->corners_capacity && !array_grow(&r->corner, *n, &r->corners_capacity, sizeof *r->corner)) return out_of_memory(r), NULL;
-        Corner *c = &r->corner[*n];
-        char *q = read_index(r, p, m->n_positions, false, &r->forward_position, &c->position);
-        if (!q) return index_error(r, p), NULL;
-        if (c->position == BVH_NONE)
-            return report_error(r->report, r->text.path, r->text.line, "vertex index %s is out of range: %u vertices so far",
-                                quote_token(p).text, (unsigned)m->n_positions), NULL;
-        c->uv = c->normal = BVH_NONE;
-        if (*q == '/') q = read_index(r, q + 1, m->n_uvs, true, &r->forward_uv, &c->uv);
-        if (q && *q == '/') q = read_index(r, q + 1, m->n_normals, true, &r->forward_normal, &c->normal);
-        if (!q || !is_token_end(*q)) return index_error(r, p), NULL;
-        p = q + (*q == ' ');
+        p = skip_blanks(p);
+        *n = k;
+        if (is_stop(*p) || *p == '\\') return p;
+        if (k == r->corners_capacity && !array_grow(&r->corner, k, &r->corners_capacity, sizeof *r->corner)) return out_of_memory(r), NULL;
+        p = read_corner(r, p, &r->corner[k]);
+        if (!p) return NULL;
     }
 }
 

@@ -20,10 +20,9 @@ bool text_open(Text *t, const char *path, int *error_number)
     if (t->fd >= 0 && fstat(t->fd, &status) == 0) {
         if (S_ISDIR(status.st_mode)) errno = EISDIR;
         else {
-            t->buffer = malloc(t->size + TEXT_PADDING);
-            if (t->buffer) {
-                memset(t->buffer, 0, t->size + TEXT_PADDING);
-                t->p = t->end = t->buffer;
+            char *memory = calloc(TEXT_MARGIN + t->size + TEXT_PADDING, 1);
+            if (memory) {
+                t->p = t->end = t->buffer = memory + TEXT_MARGIN;
                 return true;
             }
             errno = ENOMEM;
@@ -37,7 +36,7 @@ bool text_open(Text *t, const char *path, int *error_number)
 
 void text_close(Text *t)
 {
-    free(t->buffer);
+    free(t->buffer - TEXT_MARGIN);
     close(t->fd);
 }
 
@@ -94,10 +93,10 @@ bool text_more(Text *t)
             return true;
         }
         if (t->size > SIZE_MAX / 4) return fail(t, "a line is too long");
-        char *buffer = realloc(t->buffer, 2 * t->size + TEXT_PADDING);
-        if (!buffer) return fail(t, "a line is too long for the memory");
-        memset(buffer + t->size, 0, t->size + TEXT_PADDING);
-        t->p = t->end = t->buffer = buffer;
+        char *memory = realloc(t->buffer - TEXT_MARGIN, TEXT_MARGIN + 2 * t->size + TEXT_PADDING);
+        if (!memory) return fail(t, "a line is too long for the memory");
+        t->p = t->end = t->buffer = memory + TEXT_MARGIN;
+        memset(t->buffer + t->size, 0, t->size + TEXT_PADDING);
         t->size *= 2;
     }
 }

@@ -8,8 +8,11 @@
 #include "obj.h"
 #include <float.h>
 #include <stddef.h>
+#if defined(__AVX2__) && defined(__BMI__)
+#include <immintrin.h>
+#endif
 
-enum { TEXT_PADDING = 16 };            /* bytes that may be read past the end of a block */
+enum { TEXT_MARGIN = 8, TEXT_PADDING = 80 };           /* bytes that may be read before a block and past its end */
 
 typedef struct {
     const char *path;
@@ -159,6 +162,88 @@ static inline char *number_scan(char *p, double *value)
     *value = negative ? -v : v;
     return p;
 }
+
+#if defined(__AVX2__) && defined(__BMI__)
+/* Lines of numbers as most files have them, the ends of all tokens found at once. Much the same as above; in fewer instructions, which is what
+ * bounds the time of reading. */
+
+static inline uint64_t lowest_bit(uint64_t v) { return _tzcnt_u64(v); }       /* its number, 64 if there is none */
+
+/* Which of the 32 bytes at p are no digits: bit i for p[i]. */
+static inline uint32_t non_digits(const char *p)
+{
+    __m256i v = _mm256_sub_epi8(_mm256_loadu_si256((const void *)p), _mm256_set1_epi8('0' - 128));     /* a digit becomes -128..-119 */
+    return (uint32_t)_mm256_movemask_epi8(_mm256_cmpgt_epi8(v, _mm256_set1_epi8(-119)));
+}
+
+static inline __m128i load_pair(const void *low, const void *high)
+{
+    return _mm_castps_si128(_mm_loadh_pi(_mm_castsi128_ps(_mm_loadl_epi64(low)), high));
+}
+
+/* The values of the n_a digits before a and, times 2^32, of the n_b digits before b. 0 to 8 digits; eight bytes before a and b must be readable. */
+static inline uint64_t digits_pair(const char *a, uint64_t n_a, const char *b, uint64_t n_b)
+{
+    static const uint64_t last[] = { 0, 0x0f00000000000000, 0x0f0f000000000000, 0x0f0f0f0000000000, 0x0f0f0f0f00000000, 0x0f0f0f0f0f000000,
+        0x0f0f0f0f0f0f0000, 0x0f0f0f0f0f0f0f00, 0x0f0f0f0f0f0f0f0f };
+    __m128i v = _mm_and_si128(load_pair(a - 8, b - 8), load_pair(&last[n_a], &last[n_b]));
+    v = _mm_maddubs_epi16(v, _mm_set1_epi16(0x010a));                          /* by tens, */
+    v = _mm_madd_epi16(v, _mm_set1_epi32(0x00010064));                         /* hundreds, */
+    v = _mm_madd_epi16(_mm_packus_epi32(v, v), _mm_set1_epi32(0x00012710));    /* ten thousands */
+    return (uint64_t)_mm_cvtsi128_si64(v);
+}
+
+/* Reads n numbers, [-]digits[.digits] of at most 7 digits before the point and 15 in all, one blank between them. Returns where the last ends, NULL if
+ * they are not that. TEXT_MARGIN bytes before and TEXT_PADDING after p must be readable. */
+static inline char *numbers_scan(char *p, int n, double *value)
+{
+    static const double sign[] = { 1, -1 };
+    uint64_t marks = non_digits(p) | (uint64_t)non_digits(p + 32) << 32, start = 0;
+    for (int i = 0;; i++) {
+        uint64_t negative = p[start] == '-', decimals = 0;
+        marks &= marks - negative;
+        uint64_t point = lowest_bit(marks), whole = point - start - negative, end = point;
+        if (p[point] == '.') {
+            marks &= marks - 1;
+            end = lowest_bit(marks);
+            decimals = end - point - 1;
+        }
+        marks &= marks - 1;
+        start = end + 1;
+        if (whole - 1 >= 7 || decimals > 15 - whole || (p[end] != ' ' && (i < n - 1 || !is_token_end(p[end])))) return NULL;
+        uint64_t rest = decimals > 8 ? decimals - 8 : 0, pair = digits_pair(p + point, whole, p + end - rest, decimals - rest);
+        uint64_t digits = (pair & 0xffffffffu) * POWER_OF_TEN_32[decimals - rest] + (pair >> 32);
+        if (rest) digits = digits * POWER_OF_TEN_32[rest] + (digits_pair(p + end, rest, p + end, rest) >> 32);
+        /* Both are exact in a double, so that one division rounds once. */
+        value[i] = (double)(int64_t)digits / POWER_OF_TEN[decimals] * sign[negative];
+        if (i == n - 1) return p + end;
+    }
+}
+
+/* Reads V, V/VT, V//VN or V/VT/VN with a blank or line end after it, no index 0 or of more than 8 digits; what is absent is 0. Returns where it ends,
+ * NULL if it is not that. What must be readable is as above. */
+static inline char *indices_scan(char *p, uint32_t index[3])
+{
+    uint64_t marks = non_digits(p), a = lowest_bit(marks), b = a, end = a, n_b = 0, n_end = 0;
+    if (p[a] == '/') {
+        b = end = lowest_bit(marks &= marks - 1);
+        n_b = b - a - 1;
+        if (p[b] == '/') {
+            end = lowest_bit(marks & (marks - 1));
+            n_end = end - b - 1;
+        }
+    }
+    if (a - 1 > 7 || n_b > 8 || n_end > 8 || (p[end] != ' ' && !is_line_end(p[end]))) return NULL;
+    uint64_t pair = digits_pair(p + a, a, p + b, n_b);
+    index[0] = (uint32_t)pair;
+    index[1] = (uint32_t)(pair >> 32);
+    index[2] = (uint32_t)digits_pair(p + end, n_end, p + end, n_end);
+    return index[0] && (index[1] || !n_b) && (index[2] || !n_end) ? p + end : NULL;
+}
+#else
+static inline char *numbers_scan(char *p, int n, double *value) { return (void)p, (void)n, (void)value, NULL; }
+static inline char *indices_scan(char *p, uint32_t index[3]) { return (void)p, (void)index, NULL; }
+#endif
 
 /* Reads the integer at p, saturated at +-2^40; returns where it ends, NULL if there is none. */
 static inline char *integer_scan(char *p, int64_t *value)

@@ -434,6 +434,52 @@ static void test_digits(void)
     CHECK(wrong == 0);
 }
 
+/* What is read quickly is what is read slowly, and most lines are. */
+static void test_quick(void)
+{
+    char memory[TEXT_MARGIN + 400] = "", *text = memory + TEXT_MARGIN;
+    int wrong = 0, quick[2] = { 0, 0 };
+    Rng rng = rng_new(3, 0);
+    for (int i = 0; i < 200000; i++) {
+        int most = 1 + (int)below(&rng, 3), n = 0;
+        double value[3];
+        for (int k = 0; k < most; k++) {
+            static const double size[] = { 1, 100, 1e6, 1e8 };
+            n += sprintf(text + n, "%.*f%c", (int)below(&rng, i % 4 ? 9 : 18), (2 * rng_double(&rng) - 1) * size[below(&rng, i % 4 ? 3 : 4)],
+                         k < most - 1 || i % 5 ? ' ' : '\n');
+            if (i % 7 == 0) text[below(&rng, (uint32_t)n)] = "0-+.e /\n"[below(&rng, 8)];
+        }
+        memset(text + n, '7', 80);
+        char *end = numbers_scan(text, most, value), *p = text;
+        if (!end) continue;
+        quick[0]++;
+        for (int k = 0; k < most; k++) {
+            char *after;
+            double expected = strtod(p, &after);
+            wrong += after == p || bits_of(value[k]) != bits_of(expected) || (k < most - 1 ? *after != ' ' : !is_token_end(*after) || after != end);
+            p = after + 1;
+        }
+    }
+    for (int i = 0; i < 200000; i++) {
+        uint32_t written[3] = { 0, 0, 0 }, read[3] = { 0, 0, 0 };
+        for (int k = 0; k < 3; k++) written[k] = below(&rng, (uint32_t)POWER_OF_TEN[below(&rng, 10)]);
+        int form = (int)below(&rng, 4);
+        int n = form == 0 ? sprintf(text, "%u ", (unsigned)written[0]) : form == 1 ? sprintf(text, "%u/%u\n", (unsigned)written[0], (unsigned)written[1])
+              : form == 2 ? sprintf(text, "%u//%u ", (unsigned)written[0], (unsigned)written[2])
+              : sprintf(text, "%u/%u/%u\n", (unsigned)written[0], (unsigned)written[1], (unsigned)written[2]);
+        memset(text + n, '/', 80);
+        char *end = indices_scan(text, read);
+        bool has[3] = { true, (form & 1) != 0, form >= 2 }, possible = true;
+        for (int k = 0; k < 3; k++) possible = possible && (!has[k] || (written[k] > 0 && written[k] < 100000000));
+        if (!end) continue;
+        quick[1]++;
+        wrong += !possible || end != text + n - 1;
+        for (int k = 0; k < 3; k++) wrong += read[k] != (has[k] ? written[k] : 0);
+    }
+    CHECK(wrong == 0);
+    CHECK((quick[0] == 0 && quick[1] == 0) || (quick[0] > 100000 && quick[1] > 100000));        /* none where there are no vector operations */
+}
+
 /* Positions. */
 
 static void test_scale(void)
@@ -906,6 +952,7 @@ int main(void)
     test_files();
     test_digits();
     test_numbers();
+    test_quick();
     test_scale();
     test_polygons();
     test_kept();
