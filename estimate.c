@@ -7,6 +7,7 @@
 #include <string.h>
 
 enum { LEAST_ROUNDS = 6 };         /* that can be said to agree or not */
+static const double MOSTLY_KNOWN = 0.25;   /* variance of a value over its square, up to which its samples are said to be even */
 
 /* A pixel of the picture by channels, and the variance of its values: of the part that independent samples bring, and of the chains' part, which is
  * known once two rounds are done. */
@@ -49,7 +50,8 @@ static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
         for (int i = 0; i < 3; i++) {
             e.value[i] = sum[i] * inv_n;
             /* one sample is no more than a guess */
-            e.sampled_variance[i] = n > 1 ? larger(0, square[i] * inv_n - e.value[i] * e.value[i]) * rest * p->evenness : square[i];
+            double variance = n > 1 ? larger(0, square[i] * inv_n - e.value[i] * e.value[i]) * rest : square[i];
+            e.sampled_variance[i] = variance > MOSTLY_KNOWN * (e.value[i] * e.value[i] + p->evenness.floor) ? variance : p->evenness.a * variance;
             if (of->light > 0) {
                 e.value[i] += of->light * p->light[3 * pixel + (size_t)i];
                 e.sampled_variance[i] += of->light * of->light * p->light_square[3 * pixel + (size_t)i];
@@ -68,8 +70,10 @@ static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
     return e;
 }
 
-/* A pixel's samples fill it, and the lamps, evenly, and so err less than the variance of one of them says. By how much, the two halves of a power of two of
- * passes tell, each as even as it can be by itself: the mean of a half has the variance of the whole twice over. */
+/* A pixel's samples fill it, and the lamps, evenly, and so err less than the variance of one of them says, V(n) = a(n) V(1)/n. By how much, the halves
+ * of n = 2^i passes tell: half the difference of their means has the expected square V(n/2) - V(n) = d(n) V(1)/n, for each half is as even as the
+ * other. Measured over values that are fairly known already, for what is rare falls where it likes. If a falls by a factor g from each power of two to
+ * the next, so does d, and a = d g / (2 - g). */
 void run_evenness(Render *r)
 {
     Passes *p = &r->passes;
@@ -77,14 +81,21 @@ void run_evenness(Render *r)
     size_t values = 3 * r->pixels;
     if ((passes & (passes - 1)) != 0) return;
     if (passes >= 4) {
+        Evenness *e = &p->evenness;
         double n = (double)passes, mean = 0, halves = 0, samples = 0;
         for (size_t i = 0; i < values; i++) mean += p->sum[i] / (n * (double)values);
+        e->floor = 0.01 * mean * mean;
         for (size_t i = 0; i < values; i++) {
-            double value = p->sum[i] / n, half = (2 * p->earlier[i] - p->sum[i]) / n, inverse = 1 / (value * value + 0.01 * mean * mean);
+            double value = p->sum[i] / n, half = (2 * p->earlier[i] - p->sum[i]) / (2 * n), inverse = 1 / (value * value + e->floor);
+            double variance = larger(0, p->square[i] / n - value * value) / (n - 1);
+            if (variance * inverse > MOSTLY_KNOWN) continue;
             halves += half * half * inverse;
-            samples += larger(0, p->square[i] / n - value * value) / (n - 1) * inverse;
+            samples += variance * inverse;
         }
-        p->evenness = samples > 0 ? fmin(halves / samples, 1) : 1;
+        double d = samples > 0 ? 4 * halves / samples : 1, g = passes > 16 ? fmin(fmax(sqrt(d / e->d[1]), 0.7), 1) : 1;
+        e->d[1] = e->d[0];
+        e->d[0] = d;
+        e->a = fmin(d * g / (2 - g), 1);
     }
     memcpy(p->earlier, p->sum, values * sizeof *p->earlier);
 }

@@ -64,7 +64,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     r->rate = 1e6;
     r->samples_rate = 1e4;
     r->samples_per_step = 0.2;
-    r->passes.evenness = 1;
+    r->passes.evenness.a = 1;
     r->relative_error = NAN;
     r->last_round = PILOTS + ROUNDS;
     return r;
@@ -365,7 +365,7 @@ static bool end_pilot(Render *r)
     memset(r->passes.direct, 0, r->pixels * sizeof *r->passes.direct);
     memset(r->passes.count, 0, r->scene->camera.height * sizeof *r->passes.count);
     r->passes.rows = r->passes.rays = 0;
-    r->passes.evenness = 1;
+    r->passes.evenness = (Evenness){ .a = 1 };
     return one_pass(r);
 }
 

@@ -4,12 +4,19 @@
 #include "render.h"
 #include "tracer.h"
 
+/* How evenly the samples of each pixel fill it and the lamps. */
+typedef struct {
+    double a;                      /* variance of a value over what samples that know nothing of each other would leave; 1 while unknown */
+    double floor;                  /* for values whose variance is small beside value^2 + floor */
+    double d[2];                   /* a measure of it at the last powers of two of passes */
+} Evenness;
+
 /* Independent samples, row by row: sum and sum of squares of the samples of each pixel, and what light subpaths bring to any pixel. */
 typedef struct {
     double *sum, *square, *light, *light_square;   /* [pixels][3]; light only for bdpt, and for what run_spread moves */
     double *direct;                /* [pixels] of 'sum', over channels, what is direct light: it may be large in one pixel alone, and is no outlier */
     double *earlier;               /* [pixels][3] 'sum' when the passes were last a power of two */
-    double evenness;               /* variance of the picture over what samples that know nothing of each other would leave; 1 while unknown */
+    Evenness evenness;
     uint32_t *count;               /* [height] samples in each pixel of a row */
     uint64_t rows;                 /* sampled so far; the pass is rows / height */
     uint64_t rays;
