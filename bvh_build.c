@@ -6,12 +6,9 @@
  * collapse).
  *
  * Must not know: rays; materials, paths, meshes beyond vertices and indices. */
-#ifdef __linux__
-#define _DEFAULT_SOURCE                /* for madvise: large pages save the traversal many misses of the address cache */
-#include <sys/mman.h>
-#endif
 #include "bvh_box.h"
 #include "bvh_tree.h"
+#include "cache.h"
 #include <assert.h>
 #include <stdlib.h>
 #include <string.h>
@@ -526,12 +523,8 @@ Bvh *bvh_new(const float (*position)[3], const uint32_t (*triangle)[3], uint32_t
     b.part = NULL;
 
     bvh->bytes = units_of(&b, 0) * UNIT;
-    size_t page = bvh->bytes >> 21 ? (size_t)1 << 21 : 64, whole = (bvh->bytes + page - 1) / page * page;
-    bvh->allocation = b.tree = aligned_alloc(page, whole);
+    bvh->allocation = b.tree = large_alloc(bvh->bytes);
     if (!b.tree) goto fail;
-#ifdef MADV_HUGEPAGE
-    if (page > 64) madvise(b.tree, whole, MADV_HUGEPAGE);
-#endif
     bvh->tree = b.tree;
     bvh->root = collapse(&b, 0);
     free(b.id);

@@ -12,6 +12,7 @@
  * Every round and every chain has its own random stream, so the state of a run is a few pictures and counters.
  */
 #include "run.h"
+#include "cache.h"
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -55,7 +56,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     if (settings->integrator == INTEGRATOR_BDPT || (r->has_chain && r->has_direct && scene->has_specular))
         ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)
-        ok = ok && (r->film = aligned_alloc(sizeof *r->film, r->pixels * sizeof *r->film)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8));
+        ok = ok && (r->film = large_alloc(r->pixels * sizeof *r->film)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8));
     if (!ok) { render_free(r); return NULL; }
     for (size_t i = 0; r->has_chain && i < r->pixels; i++) r->film[i] = (Pixel){ .weight = 1 };
     r->chain_space.film = r->direct_space.film = r->film;
