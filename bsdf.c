@@ -102,24 +102,34 @@ bool bsdf_scatter(const Surface *s, Vec3 w_light, Vec3 w_lens, Mode mode, Scatte
 }
 
 /* A point of the unit disk, lifted to the hemisphere over it [Malley]. */
+static Vec3 lift(Vec3 n, double x, double y)
+{
+    Vec3 a, b;
+    frame(n, &a, &b);
+    return along(along(scale(sqrt(fmax(0, 1 - x * x - y * y)), n), x, a), y, b);
+}
+
 Vec3 sample_cosine(Vec3 n, Rng *rng)
 {
     double x, y;
-    Vec3 a, b;
     rng_disk(rng, &x, &y);
-    frame(n, &a, &b);
-    return along(along(scale(sqrt(1 - x * x - y * y), n), x, a), y, b);
+    return lift(n, x, y);
+}
+
+static Vec3 turned(Vec3 w, double cosine, double sine, double x, double y, double squared)
+{
+    Vec3 a, b;
+    double r = sine / sqrt(squared);
+    frame(w, &a, &b);
+    return along(along(scale(cosine, w), r * x, a), r * y, b);
 }
 
 Vec3 sample_turned(Vec3 w, double cosine, double sine, Rng *rng)
 {
     double x, y, squared;
-    Vec3 a, b;
     do rng_disk(rng, &x, &y);
     while ((squared = x * x + y * y) == 0);
-    double r = sine / sqrt(squared);
-    frame(w, &a, &b);
-    return along(along(scale(cosine, w), r * x, a), r * y, b);
+    return turned(w, cosine, sine, x, y, squared);
 }
 
 bool bsdf_follow(const Surface *s, Vec3 known, Mode mode, Vec3 *w)
@@ -138,25 +148,38 @@ bool bsdf_follow(const Surface *s, Vec3 known, Mode mode, Vec3 *w)
     return side(*w, s, &w_s) * known_g < 0;
 }
 
-bool bsdf_sample(const Surface *s, Vec3 known, Rng *rng, Vec3 *w, Mode *mode)
+static bool sample_specular(const Surface *s, Vec3 known, Rng *rng, Vec3 *w, Mode *mode)
 {
-    const Material *m = s->material;
-    double known_s, w_s, cos_t, known_g = side(known, s, &known_s);
-    if (known_g == 0) return false;
-    if (material_is_specular(m)) {
-        *mode = MODE_REFLECT;
-        if (m->kind == MATERIAL_GLASS && rng_double(rng) >= bsdf_fresnel(fabs(known_s), relative_index(m, known_s), &cos_t)) *mode = MODE_REFRACT;
-        return bsdf_follow(s, known, *mode, w);
-    }
+    double known_s, cos_t;
+    if (side(known, s, &known_s) == 0) return false;
+    *mode = MODE_REFLECT;
+    if (s->material->kind == MATERIAL_GLASS && rng_double(rng) >= bsdf_fresnel(fabs(known_s), relative_index(s->material, known_s), &cos_t))
+        *mode = MODE_REFRACT;
+    return bsdf_follow(s, known, *mode, w);
+}
+
+/* The squared distance of a point of the disk from its middle is as uniform as any number: the cosine comes of it, and the azimuth of the rest. */
+bool bsdf_sample_at(const Surface *s, Vec3 known, const double disk[2], Rng *rng, Vec3 *w, Mode *mode)
+{
+    if (material_is_specular(s->material)) return sample_specular(s, known, rng, w, mode);
+    double known_s, w_s, known_g = side(known, s, &known_s), d = diffuse_prob(s);
     *mode = MODE_NONE;
-    Vec3 n = known_s > 0 ? s->ns : neg(s->ns);
-    double d = diffuse_prob(s);
-    if (d == 1 || rng_double(rng) < d) *w = sample_cosine(n, rng);
+    if (known_g == 0) return false;
+    if (d == 1 || rng_double(rng) < d) *w = lift(known_s > 0 ? s->ns : neg(s->ns), disk[0], disk[1]);
     else {
-        double c = pow(1 - rng_double(rng), 1 / (m->ns + 1));
-        *w = sample_turned(along(neg(known), 2 * known_s, s->ns), c, sqrt(1 - c * c), rng);
+        double squared = disk[0] * disk[0] + disk[1] * disk[1], c = pow(1 - squared, 1 / (s->material->ns + 1));
+        *w = turned(along(neg(known), 2 * known_s, s->ns), c, sqrt(1 - c * c), disk[0], disk[1], squared);
     }
     return side(*w, s, &w_s) * known_g > 0;
+}
+
+bool bsdf_sample(const Surface *s, Vec3 known, Rng *rng, Vec3 *w, Mode *mode)
+{
+    if (material_is_specular(s->material)) return sample_specular(s, known, rng, w, mode);
+    double disk[2];
+    do rng_disk(rng, &disk[0], &disk[1]);
+    while (disk[0] == 0 && disk[1] == 0);
+    return bsdf_sample_at(s, known, disk, rng, w, mode);
 }
 
 double bsdf_albedo(const Surface *s)

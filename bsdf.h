@@ -61,6 +61,8 @@ bool bsdf_scatter(const Surface *surface, Vec3 w_light, Vec3 w_lens, Mode mode, 
 /* Draws the other direction from the known one, and the mode at a specular vertex. False if the sample is lost below the surface.
  * The density is the p of bsdf_scatter; it does not depend on which end of the path the known direction leads to. */
 bool bsdf_sample(const Surface *surface, Vec3 known, Rng *rng, Vec3 *w, Mode *mode);
+/* The same from a point of the unit disk, uniform if the direction is to be; at a diffuse surface it alone says where in the lobe w lies. */
+bool bsdf_sample_at(const Surface *surface, Vec3 known, const double disk[2], Rng *rng, Vec3 *w, Mode *mode);
 
 /* The other direction at a specular vertex for a given mode. False where the mode does not exist: no refraction at a mirror or under total
  * reflection, no specular mode at all at a diffuse surface. */

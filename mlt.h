@@ -30,7 +30,7 @@ void bootstrap_free(Bootstrap *bootstrap);
 /* The path at u in [0,1) of the running sum. For many chains, take u stratified. False if b is 0. */
 bool bootstrap_seed(const Bootstrap *bootstrap, const Space *space, Bdpt *bdpt, double u, Path *x);
 
-/* A point of a sequence that fills [0,1)^5 evenly at every length, from an offset (additive recurrence); dimension 0 .. 4. */
+/* A point of a sequence that fills [0,1)^9 evenly at every length, from an offset (additive recurrence); dimension 0 .. 8. */
 double even(double offset, uint64_t index, int dimension);
 
 /* What a chain proposes from: rows, and how often. Among the rows that apply to x, row i is chosen with q_i(x) = share_i / sum of shares. */

@@ -131,12 +131,12 @@ static bool sample_row(Render *r)
     for (uint32_t column = 0; column < width; column++) {
         size_t pixel = (size_t)row * width + column;
         Rng offset = rng_new(r->settings->seed, stream + pixel);
-        double u[5];
-        for (int d = 0; d < 5; d++) u[d] = even(rng_double(&offset), pass, d);
-        double x = column + u[0], y = row + u[1];
+        union { Numbers named; double u[NUMBERS]; } even_ones;
+        for (int d = 0; d < NUMBERS; d++) even_ones.u[d] = even(rng_double(&offset), pass, d);
+        double x = column + even_ones.u[0], y = row + even_ones.u[1];
         Splat s = { .r = r, .rng = &rng };
         if (r->settings->integrator == INTEGRATOR_BDPT) bdpt_sample(r->bdpt, &r->direct_space, x, y, &rng, splat_candidate, &s);
-        else s.own = path_trace(&r->direct_space, x, y, u + 2, &rng, r->trail, visit_traced, &s);
+        else s.own = path_trace(&r->direct_space, column, row, &even_ones.named, &rng, r->trail, visit_traced, &s);
         if (s.out_of_memory) return false;
         if (!finite3(s.own)) { r->stats.bad_samples++; continue; }
         const double v[3] = { s.own.x, s.own.y, s.own.z };

@@ -2,6 +2,7 @@
  * The state is four words: it is saved with a run. */
 #ifndef RNG_H
 #define RNG_H
+#include <math.h>
 #include <stdint.h>
 
 typedef struct { uint64_t s[4]; } Rng;
@@ -41,6 +42,14 @@ static inline void rng_disk(Rng *r, double *x, double *y)
         *x = 2 * rng_double(r) - 1;
         *y = 2 * rng_double(r) - 1;
     } while (*x * *x + *y * *y >= 1);
+}
+
+/* A point of the unit disk, never its middle, from one of the unit square: uniform if that is. */
+static inline void disk_at(const double square[2], double disk[2])
+{
+    double r = sqrt(1 - square[0]), phi = 6.283185307179586 * square[1];
+    disk[0] = r * cos(phi);
+    disk[1] = r * sin(phi);
 }
 
 /* Uniform on 0 .. n-1; the bias of the multiply-shift is below n 2^-32. */

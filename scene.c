@@ -365,13 +365,17 @@ void scene_sample_light(const Scene *s, const double random[3], Point *point)
 
 double scene_light_pdf_a(const Scene *s, const Material *material) { return max3(material->ke) / s->power; }
 
-void camera_sample_lens(const Camera *camera, Rng *rng, Point *lens)
+void camera_lens_at(const Camera *camera, const double disk[2], Point *lens)
 {
     *lens = (Point){ camera->eye, BVH_NONE, { NULL, { 0, 0, 0 }, camera->forward, camera->forward } };
-    if (camera->aperture == 0) return;
-    double x, y;
-    rng_disk(rng, &x, &y);
-    lens->p = along(along(camera->eye, camera->aperture * x, camera->right), camera->aperture * y, camera->up);
+    if (camera->aperture > 0) lens->p = along(along(camera->eye, camera->aperture * disk[0], camera->right), camera->aperture * disk[1], camera->up);
+}
+
+void camera_sample_lens(const Camera *camera, Rng *rng, Point *lens)
+{
+    double disk[2] = { 0, 0 };
+    if (camera->aperture > 0) rng_disk(rng, &disk[0], &disk[1]);
+    camera_lens_at(camera, disk, lens);
 }
 
 /* Through the point at distance 1 (pinhole) or at the focal plane (thin lens) that the centre of the lens sees at (x, y). */

@@ -86,6 +86,8 @@ double scene_light_pdf_a(const Scene *scene, const Material *material);
 
 /* A point of the lens, uniform. */
 void camera_sample_lens(const Camera *camera, Rng *rng, Point *lens);
+/* The same for a given point of the unit disk. */
+void camera_lens_at(const Camera *camera, const double disk[2], Point *lens);
 /* The direction in which the lens point sees the raster position (pixels, (0,0) top left). */
 Vec3 camera_direction(const Camera *camera, const Point *lens, double x, double y);
 /* The raster position of a direction that leaves the lens point, and W_e per projected solid angle (mathematics: 1/(A_film cos^4)).

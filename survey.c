@@ -66,9 +66,9 @@ void run_survey(Render *r)
         bdpt_sample(r->bdpt, &all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, &rng, survey_candidate, &s);
     before = *rays;
     for (int i = 0; i < SURVEY; i++) {
-        const double light[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
+        const Numbers numbers = numbers_random(&rng);
         memset(s.one, 0, sizeof s.one);
-        path_trace(&all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, light, &rng, r->trail, survey_traced, &s);
+        path_trace(&all, rng_index(&rng, camera->width), rng_index(&rng, camera->height), &numbers, &rng, r->trail, survey_traced, &s);
         for (int k = 0; k < CUTS; k++) {
             s.moment[k] += s.one[k] * s.one[k];
             s.mean[k] += s.one[k] / SURVEY;

@@ -28,7 +28,7 @@ static Rgb sampled_light(const Space *space, const Point *at, Vec3 known, const 
 typedef struct {
     const Space *space;
     uint32_t pixel;
-    const double *light;           /* [3] the first light sample */
+    const Numbers *numbers;
     Rng *rng;
     Path *trail;                   /* vertex j from the lens is trail->v[MAX_EDGES - j] */
     int branches;                  /* that may still split off */
@@ -138,7 +138,7 @@ static void walk_on(Found *f, Walk *walk)
             if (walk->branch && !roulette(walk, LEAF_LEAST, rng)) return;
             if (direct ? space->direct != DIRECT_EXCLUDED : !only_direct) {
                 const double random[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
-                find(f, walk, mul(walk->throughput, sampled_light(space, &next->point, walk->known, direct ? f->light : random)), 1, direct);
+                find(f, walk, mul(walk->throughput, sampled_light(space, &next->point, walk->known, direct ? f->numbers->light : random)), 1, direct);
             }
             walk->diffuse++;
         }
@@ -147,25 +147,35 @@ static void walk_on(Found *f, Walk *walk)
         if (rng_double(rng) >= survive) return;
         walk->throughput = scale(1 / survive, walk->throughput);
         walk->survived *= survive;
-        bool passes = bsdf_sample(to, walk->known, rng, &walk->w, &walk->mode);
+        double disk[2];
+        bool first = !specular && walk->diffuse == 1, passes;
+        if (first) disk_at(f->numbers->scatter, disk);
+        passes = first ? bsdf_sample_at(to, walk->known, disk, rng, &walk->w, &walk->mode) : bsdf_sample(to, walk->known, rng, &walk->w, &walk->mode);
         if (m->kind == MATERIAL_GLASS && walk->diffuse == 0 && space->direct != DIRECT_EXCLUDED && f->branches > 0) split(f, walk);
         if (!passes) return;
     }
 }
 
-Rgb path_trace(const Space *space, double x, double y, const double light[3], Rng *rng, Path *trail,
+Numbers numbers_random(Rng *rng)
+{
+    union { Numbers named; double u[NUMBERS]; } all;
+    for (int i = 0; i < NUMBERS; i++) all.u[i] = rng_double(rng);
+    return all.named;
+}
+
+Rgb path_trace(const Space *space, uint32_t column, uint32_t row, const Numbers *numbers, Rng *rng, Path *trail,
                void (*visit)(void *context, const Candidate *), void *context)
 {
     const Camera *camera = &space->scene->camera;
     if (space->scene->n_lights == 0) return vec3(0, 0, 0);
-    uint32_t column = (uint32_t)x, row = (uint32_t)y;   /* rounding may have put the position on the far edge */
-    uint32_t pixel = (row < camera->height ? row : row - 1) * camera->width + (column < camera->width ? column : camera->width - 1);
-    Found found = { .space = space, .pixel = pixel, .light = light, .rng = rng, .trail = trail, .branches = BRANCHES, .visit = visit,
+    double disk[2];
+    Found found = { .space = space, .pixel = row * camera->width + column, .numbers = numbers, .rng = rng, .trail = trail, .branches = BRANCHES, .visit = visit,
                     .context = context };
     Walk walk = { .mode = MODE_NONE, .throughput = { 1, 1, 1 }, .survived = 1, .q = 1, .chance = 1 };
     Point *lens = &vertex(&found, 0)->point;
-    camera_sample_lens(camera, rng, lens);
-    walk.w = camera_direction(camera, lens, x, y);
+    disk_at(numbers->lens, disk);
+    camera_lens_at(camera, disk, lens);
+    walk.w = camera_direction(camera, lens, column + numbers->film[0], row + numbers->film[1]);
     walk_on(&found, &walk);
     return found.sum;
 }

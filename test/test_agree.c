@@ -268,8 +268,8 @@ static Group traced_group(const Space *space, int per_pixel)
         Rng rng = rng_new(seed, ((uint64_t)i + 1) << 34);
         for (int n = 0; n < per_pixel * FILM * FILM; n++) {
             uint32_t x = (uint32_t)n % FILM, y = (uint32_t)n / FILM % FILM;
-            const double light[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
-            add_pixel(g.value[i], x, y, path_trace(space, x + rng_double(&rng), y + rng_double(&rng), light, &rng, trail, NULL, NULL), 1.0 / (per_pixel * FILM * FILM));
+            const Numbers numbers = numbers_random(&rng);
+            add_pixel(g.value[i], x, y, path_trace(space, x, y, &numbers, &rng, trail, NULL, NULL), 1.0 / (per_pixel * FILM * FILM));
         }
     }
     free(trail);
@@ -355,8 +355,8 @@ static Group spread_group(const Scene *scene, int depth, int per_pixel, double s
         r->direct_space.direct = DIRECT_ONLY;
         for (int n = 0; n < per_pixel * FILM * FILM; n++) {
             uint32_t x = (uint32_t)n % FILM, y = (uint32_t)n / FILM % FILM;
-            const double light[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
-            Rgb found = path_trace(&r->direct_space, x + rng_double(&rng), y + rng_double(&rng), light, &rng, r->trail, spread, &s);
+            const Numbers numbers = numbers_random(&rng);
+            Rgb found = path_trace(&r->direct_space, x, y, &numbers, &rng, r->trail, spread, &s);
             add_pixel(g.value[i], x, y, found, 1.0 / (per_pixel * FILM * FILM));
         }
         for (uint32_t y = 0; y < FILM; y++)
