@@ -168,12 +168,12 @@ Rgb path_trace(const Space *space, uint32_t column, uint32_t row, const Numbers 
 {
     const Camera *camera = &space->scene->camera;
     if (space->scene->n_lights == 0) return vec3(0, 0, 0);
-    double disk[2];
+    double disk[2] = { 0, 0 };
     Found found = { .space = space, .pixel = row * camera->width + column, .numbers = numbers, .rng = rng, .trail = trail, .branches = BRANCHES, .visit = visit,
                     .context = context };
     Walk walk = { .mode = MODE_NONE, .throughput = { 1, 1, 1 }, .survived = 1, .q = 1, .chance = 1 };
     Point *lens = &vertex(&found, 0)->point;
-    disk_at(numbers->lens, disk);
+    if (camera->aperture > 0) disk_at(numbers->lens, disk);
     camera_lens_at(camera, disk, lens);
     walk.w = camera_direction(camera, lens, column + numbers->film[0], row + numbers->film[1]);
     walk_on(&found, &walk);
