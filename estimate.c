@@ -224,6 +224,17 @@ uint32_t run_tile(const Render *r, uint32_t x, uint32_t y)
     return y * tiles_along(height) / height * across + x * across / width;
 }
 
+/* Of the picture's light, what the path tracer met, and handed on, and the chains do not have, were it by chance alone. What is found too rarely for
+ * a bootstrap may still be found by the path tracer's far more samples; all that it is spared is the chains' to bring. */
+static double missed(const Render *r, double chain, double mean)
+{
+    double n = (double)r->passes.rows * r->scene->camera.width, b = r->stats.b;
+    if (!(n > 0) || r->chain_space.part == WHOLE) return 0;
+    double cut = r->passes.cut / n, own = b > 0 ? chain * sqrt(r->b_variance_sum) / r->b_sum : 0;
+    double error = sqrt(r->passes.cut_square / (n * n) + own * own);
+    return cut - chain > 2.5 * error ? (cut - chain) / mean : 0;
+}
+
 /* Whether the rounds have found the same light. Pixels cannot tell: in most of them a round leaves little. In a tile where one round has brought more
  * than all others together, it has come upon paths that the others have missed, or one of its chains has been caught; how much of that light
  * there ought to be is then known to no one, and the spread between rounds does not tell it. 'mean' is that of the picture. */
@@ -252,6 +263,7 @@ static void learn_agreement(Render *r, double mean)
     s->tiles_disagreeing = 0;
     s->largest_tile_error = 0;
     s->chain_part = sum / (3 * (double)r->pixels * mean);
+    s->missed = missed(r, s->chain_part * mean, mean);
     for (uint32_t t = 0; t < tiles; t++) {
         const Tile *tile = &r->tile[t];
         double value = light[t] / values[t], chain = rounds > 0 ? tile->sum / r->steps_sum : 0, chain_variance = 0;

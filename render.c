@@ -90,7 +90,7 @@ static bool in_time(const Render *r, double deadline) { return r->settings->seco
 
 /* ---- independent samples ---- */
 
-typedef struct { Render *r; Rng *rng; Rgb own; bool out_of_memory; } Splat;
+typedef struct { Render *r; Rng *rng; Rgb own; double cut; bool out_of_memory; } Splat;
 
 static void add_direct(Render *r, const Candidate *c)
 {
@@ -101,6 +101,7 @@ static void visit_traced(void *context, const Candidate *c)
 {
     Splat *s = context;
     add_direct(s->r, c);
+    if (c->reach == REACH_INDIRECT) s->cut += (1 - c->share) * (c->rgb.x + c->rgb.y + c->rgb.z) / 3;
     if (c->reach == REACH_SEEN && c->share < 1 && !run_spread(s->r, c, s->rng)) s->out_of_memory = true;
 }
 
@@ -139,6 +140,8 @@ static bool sample_row(Render *r)
         else s.own = path_trace(&r->direct_space, column, row, &even_ones.named, &rng, r->trail, visit_traced, &s);
         if (s.out_of_memory) return false;
         if (!finite3(s.own)) { r->stats.bad_samples++; continue; }
+        p->cut += s.cut;
+        p->cut_square += s.cut * s.cut;
         const double v[3] = { s.own.x, s.own.y, s.own.z };
         for (size_t i = 0; i < 3; i++) { p->sum[3 * pixel + i] += v[i]; p->square[3 * pixel + i] += v[i] * v[i]; }
     }
@@ -367,6 +370,7 @@ static bool end_pilot(Render *r)
     memset(r->passes.count, 0, r->scene->camera.height * sizeof *r->passes.count);
     r->passes.rows = r->passes.rays = 0;
     r->passes.evenness = (Evenness){ .a = 1 };
+    r->passes.cut = r->passes.cut_square = 0;
     return one_pass(r);
 }
 

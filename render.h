@@ -33,6 +33,7 @@ typedef struct {
     /* Whether the rounds agree, tile by tile of the film; of finished rounds. */
     uint32_t tiles, rounds, tiles_disagreeing;  /* most of the chains' light, and enough to be seen, came in one round alone */
     double largest_tile_error;     /* standard error of a tile's mean, relative to it; NAN while unknown */
+    double missed;                 /* of the picture's light, what the path tracer has met and the chains ought to have brought, and have not */
     double effective_samples;      /* of the chains: so many independent paths would spread as unevenly over tiles and rounds; NAN while unknown */
     ChainCount chain;
 } RenderStats;

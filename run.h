@@ -18,6 +18,7 @@ typedef struct {
     double *earlier;               /* [pixels][3] 'sum' when the passes were last a power of two */
     Evenness evenness;
     uint32_t *count;               /* [height] samples in each pixel of a row */
+    double cut, cut_square;        /* over samples, of what the threshold took from them, a mean over channels */
     uint64_t rows;                 /* sampled so far; the pass is rows / height */
     uint64_t rays;
 } Passes;

@@ -123,7 +123,7 @@ static void pass_state(Stream *s, Render *r)
     pass(s, &r->passes.evenness, sizeof r->passes.evenness);
     pass(s, r->scene->rays, sizeof *r->scene->rays);
     double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share,
-                          &r->samples_per_step, &r->seeds_per_sample, &r->relative_error, &r->unlearned, &r->tau };
+                          &r->samples_per_step, &r->seeds_per_sample, &r->relative_error, &r->unlearned, &r->tau, &r->passes.cut, &r->passes.cut_square };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
     uint64_t divided = r->chain_space.part != WHOLE;
     pass(s, r->tile, sizeof r->tile);

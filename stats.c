@@ -40,6 +40,7 @@ void stats_write(FILE *file, const Scene *scene, const RenderStats *s, const Cos
         { "peak_bytes", cost->peak_bytes }, { "scene_bytes", (double)scene_bytes(scene) },
         { "tiles", s->tiles }, { "tiles_disagreeing", cost->chains ? (double)s->tiles_disagreeing : NAN }, { "largest_tile_error", s->largest_tile_error },
         { "effective_sample_size", cost->chains ? s->effective_samples : NAN }, { "chain_part", cost->chains ? s->chain_part : NAN },
+        { "light_missed", cost->chains ? s->missed : NAN },
         { "bad_samples", (double)s->bad_samples }, { "longest_rejection_run", (double)s->chain.longest_rejection },
     };
     fputs("{\n", file);
@@ -99,6 +100,13 @@ void stats_warn(const RenderStats *s, Report *report)
             report_warning(report, NULL, 0, "%s: %.0f %% of the picture's light rest on some %.0f of %" PRIu64 " bootstrap samples: "
                            "its brightness is not to be trusted", path_class_name[i], 100 * share, ceil(class_worth(s, i)), s->bootstrap_samples);
     }
+    if (s->missed > 0.02)
+        report_warning(report, NULL, 0, "some %.0f %% of the light are missing, where the picture is too dark: the path tracer has met paths that the "
+                       "chains have not found; run longer (-t) or give more to the bootstrap (--bootstrap)", 100 * s->missed / (1 + s->missed));
+    double uncertain = s->b > 0 ? s->chain_part * s->b_stderr / s->b : 0;
+    if (uncertain > 0.05)
+        report_warning(report, NULL, 0, "the brightness of the chains' part, %.0f %% of the picture, is known to %.0f %% of it only: run longer (-t)",
+                       100 * s->chain_part, 100 * s->b_stderr / s->b);
     if (s->tiles_disagreeing)
         report_warning(report, NULL, 0, "%u of %u tiles got most of their light in one round of %u: that light was found by chance "
                        "and may be too bright or too dim there; run longer (-t) or merge more seeds",

@@ -590,7 +590,7 @@ done
 
 keys='seconds_load seconds_build seconds_start seconds_direct seconds_chain triangles mutations mutations_per_second rays rays_per_mutation
       b b_stderr estimated_relative_error peak_bytes bad_samples longest_rejection_run
-      tiles tiles_disagreeing largest_tile_error effective_sample_size chain_part'
+      tiles tiles_disagreeing largest_tile_error effective_sample_size chain_part light_missed'
 for options in 'room.obj' 'room.obj --integrator path' 'room.obj --integrator bdpt' 'room.obj --direct only' 'dark.obj' 'blind.obj' 'room.obj -s 1x1 -n 0.5' \
                'room.obj -t 0.0001'; do
     expect 0 $short $options --stats out/stats -o out/a.pfm
@@ -647,6 +647,13 @@ expect 0 "$shipped/pool.obj" -s 80x60 -n 50 --stats out/stats -o out/a.pfm
 check 'a warning for light found by chance' grep -q '^mlt: warning: .* tiles got most of their light in one round' stderr
 check 'counted' between 1 15 "$(value tiles_disagreeing out/stats)"
 check 'a warning for the class of paths' grep -q '^mlt: warning: caustics seen through .* bootstrap samples' stderr
+
+# Of 64 samples hardly one finds it, but the path tracer does, and leaves it to the chains.
+expect 0 "$shipped/pool.obj" -s 48x36 -n 100 --bootstrap 64 --stats out/stats -o out/a.pfm
+check 'a warning for light that the chains have not found' grep -q '^mlt: warning: some [0-9]* % of the light are missing' stderr
+check 'how much' between 0.5 2 "$(value light_missed out/stats)"
+expect 0 "$shipped/pool.obj" -s 640x480 -t 0.03 --stats out/stats -o out/a.pfm
+check 'a warning where no chain has run' grep -q '^mlt: warning: .* too short for the chains' stderr
 expect 0 "$shipped/pool.obj" -q -s 80x60 -n 50 -o out/a.pfm
 check 'no warning with -q' silent
 sweep
