@@ -3,14 +3,21 @@
  *
  * Neither the path tracer nor the chains do them well. To the first they are few samples of great value; the bootstrap of the second finds fewer
  * still, and one that is found then scales a whole round. But the path tracer finds them often enough to begin chains: of such a sample it keeps as
- * much as the threshold allows, and the rest is handed on by a chain that starts there and walks over the film by lens perturbations. A sample of
- * density p and weight f/p, moved by a kernel that has f for its equilibrium, is still one of weight f/p in expectation; so the rest
- * is divided evenly among the chain's states, however many. [Cline, Talbot, Egbert 2005: energy redistribution]
+ * much as the threshold allows, and the rest is handed on by chains of lens perturbations that start there. A sample of density p and weight f/p,
+ * moved by a kernel that has f for its equilibrium, is still one of weight f/p in expectation; so the rest is divided evenly among the
+ * states of its chains. All chains are of one length: were they longer where they begin at bright samples, they would carry more out of these
+ * than they bring back. How many there are may depend on the sample: so many that what one carries is in proportion to the picture, or none, by
+ * roulette, where the rest is small. [Cline, Talbot, Egbert 2005: energy redistribution] Samples are as bright as the picture on average, so that
+ * is a bounded number of steps a sample, however rare and bright they are.
  */
 #include "run.h"
 #include <stdlib.h>
 
-enum { STEPS_PER_THRESHOLD = 8, MOST_STEPS = 16384 };
+enum {
+    STEPS = 8,                     /* for each time that a sample is as bright as the picture */
+    LENGTH = 512,                  /* of a chain */
+    MOST_CHAINS = 64               /* from one sample */
+};
 
 typedef struct { uint32_t pixel; Rgb rgb; } Splat;
 typedef struct { Splat *splat; size_t n; double scale; } Splats;
@@ -51,12 +58,14 @@ bool run_spread(Render *r, const Candidate *c, Rng *rng)
     ChainCount count = { 0 };
     space.direct = DIRECT_ONLY;
     space.part = REST;
-    if (!path_trailed(&space, r->trail, c->n_lens, r->x)) return true;
-    uint64_t steps = (uint64_t)fmin(ceil(STEPS_PER_THRESHOLD * (1 / c->share - 1)), MOST_STEPS);
-    double rest = luminance(c->rgb) * (1 - c->share) * (double)r->film[c->pixel].weight;
-    Splats s = { .splat = malloc((steps + 1) * sizeof *s.splat), .scale = rest / (double)steps };
-    if (!s.splat) return false;
-    chain_run(&space, &sampler, r->x, r->y, steps, rng, record, &s, &count);
+    double picture = (double)r->film[c->pixel].threshold / r->tau, rest = luminance(c->rgb) * (1 - c->share) * (double)r->film[c->pixel].weight;
+    double chains = fmin(STEPS * (1 - c->share) * c->traced / (picture * LENGTH), MOST_CHAINS);
+    Splats s = { .scale = rest / (chains * LENGTH) };
+    int n = (int)(chains + rng_double(rng));
+    if (n == 0) return true;
+    if (!(s.splat = malloc((size_t)n * (LENGTH + 1) * sizeof *s.splat))) return false;
+    for (int i = 0; i < n; i++)
+        if (path_trailed(&space, r->trail, c->n_lens, r->x)) chain_run(&space, &sampler, r->x, r->y, LENGTH, rng, record, &s, &count);
     r->stats.bad_samples += count.bad;
     qsort(s.splat, s.n, sizeof *s.splat, by_pixel);
     add_splats(r, &s);
