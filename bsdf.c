@@ -106,7 +106,7 @@ static Vec3 lift(Vec3 n, double x, double y)
 {
     Vec3 a, b;
     frame(n, &a, &b);
-    return along(along(scale(sqrt(fmax(0, 1 - x * x - y * y)), n), x, a), y, b);
+    return along(along(scale(sqrt(larger(0, 1 - x * x - y * y)), n), x, a), y, b);
 }
 
 Vec3 sample_cosine(Vec3 n, Rng *rng)

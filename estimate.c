@@ -224,8 +224,8 @@ uint32_t run_tile(const Render *r, uint32_t x, uint32_t y)
     return y * tiles_along(height) / height * across + x * across / width;
 }
 
-/* Of the picture's light, what the path tracer met, and handed on, and the chains do not have, were it by chance alone. What is found too rarely for
- * a bootstrap may still be found by the path tracer's far more samples; all that it is spared is the chains' to bring. */
+/* Of the picture's light, what the path tracer met and left to the chains, and they do not have, if the errors of both do not explain it. What is found
+ * too rarely for a bootstrap may still be found by the path tracer's far more samples. */
 static double missed(const Render *r, double chain, double mean)
 {
     double n = (double)r->passes.rows * r->scene->camera.width, b = r->stats.b;

@@ -52,7 +52,8 @@ Render *render_new(const Scene *scene, const Settings *settings)
     bool ok = (r->bdpt = bdpt_new()) && (r->x = malloc(sizeof *r->x)) && (r->y = malloc(sizeof *r->y)) && (r->trail = malloc(sizeof *r->trail));
     if (r->has_direct)
         ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.direct = calloc(r->pixels, 8))
-            && (r->passes.earlier = calloc(doubles, 8))            && (r->passes.count = calloc(scene->camera.height, 4));
+            && (r->passes.earlier = calloc(doubles, 8))
+            && (r->passes.count = calloc(scene->camera.height, 4));
     if (settings->integrator == INTEGRATOR_BDPT || (r->has_chain && r->has_direct && scene->has_specular))
         ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)

@@ -1,5 +1,5 @@
 # What the shell tests share, to be sourced by them: . "$(dirname "$0")/check.sh"
-# A folder of the test's own, $folder, under TMPDIR or /tmp, that is removed at the end; counted checks; the last line.
+# A folder of the test's own, $folder, where mktemp puts it (TMPDIR), that is removed at the end; counted checks; the last line.
 
 folder=$(mktemp -d) || exit 1
 trap 'rm -rf "$folder"' EXIT

@@ -1,5 +1,5 @@
-/* A folder of the test's own for the files it writes: under TMPDIR, or /tmp; made when it is first asked for, removed with all that is in it when the
- * program exits. What cannot be made or written ends the program: it is no test's failure. */
+/* A folder of the test's own for the files it writes: under TMPDIR, or the current folder; made when it is first asked for, removed with all that is
+ * in it when the program exits. What cannot be made or written ends the program: it is no test's failure. */
 #ifndef FOLDER_H
 #define FOLDER_H
 #include <dirent.h>
@@ -54,7 +54,7 @@ static inline const char *folder(void)
     static bool asked;
     if (folder_name[0]) return folder_name;
     const char *place = getenv("TMPDIR");
-    folder_join(folder_name, place && place[0] ? place : "/tmp", "mlt-test-XXXXXX");
+    folder_join(folder_name, place && place[0] ? place : ".", "mlt-test-XXXXXX");
     if (!mkdtemp(folder_name)) {
         perror(folder_name);
         folder_name[0] = 0;
