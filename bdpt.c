@@ -19,6 +19,7 @@ struct Bdpt {
     double alpha[MAX_EDGES + 1], beta[MAX_EDGES + 1], plain[MAX_EDGES + 1];   /* plain: alpha without Russian roulette */
     Rgb light_colour[MAX_EDGES + 1], lens_colour[MAX_EDGES + 1];   /* products of colour up to and with this vertex */
     int lens_diffuse[MAX_EDGES + 1];           /* non-specular vertices among lens vertices 1..j */
+    bool lens_joined[MAX_EDGES + 1];           /* whether any edge up to lens vertex j could be joined */
     double lens_q[MAX_EDGES + 1];              /* product of the modes' chances at them */
 };
 
@@ -27,12 +28,9 @@ void bdpt_free(Bdpt *bdpt) { free(bdpt); }
 
 static Vertex *lens_vertex(const Bdpt *b, int j) { return (Vertex *)&b->lens.v[MAX_EDGES - j]; }
 
-/* Chance to go on from a vertex, a function of the point alone so that every technique can tell it. */
-static double survival(const Point *point) { return bsdf_albedo(&point->surface); }
-
 static void with_survival(Vertex *v)
 {
-    double r = survival(&v->point);
+    double r = path_survival(&v->point);
     v->s.inv_S_lens *= r;
     v->s.inv_S_light *= r;
 }
@@ -52,7 +50,7 @@ static void trace_light(Bdpt *b, const Space *space, Rng *rng)
     b->light_colour[0] = p->v[0].s.colour;
     b->n_light = 1;
     for (int i = 0; i < space->max_depth - 1; i++) {
-        if (i > 0 && rng_double(rng) >= survival(&p->v[i].point)) return;
+        if (i > 0 && rng_double(rng) >= path_survival(&p->v[i].point)) return;
         if (!path_grow_to_lens(space, p, i, rng)) return;
         if (i > 0) {                           /* v[i] is now known from both sides */
             if (!path_scatter(space, p, i)) return;
@@ -78,18 +76,20 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
     b->lens_colour[0] = vec3(1, 1, 1);
     b->lens_diffuse[0] = 0;
     b->lens_q[0] = 1;
+    b->lens_joined[0] = false;
     if (!path_look(space, p, x, y) || !path_scatter(space, p, p->k)) return false;
     b->n_lens = 2;
     for (int j = 1; j < space->max_depth; j++) {
         int i = MAX_EDGES - j;
-        if (rng_double(rng) >= survival(&p->v[i].point)) return true;
+        if (rng_double(rng) >= path_survival(&p->v[i].point)) return true;
         if (!path_grow_to_light(space, p, i, rng) || !path_scatter(space, p, i)) return true;
         with_survival(&p->v[i]);
         b->alpha[j] = b->alpha[j - 1] * p->v[i + 1].s.inv_S_light;
-        b->plain[j] = b->plain[j - 1] * p->v[i + 1].s.inv_S_light / (j > 1 ? survival(&p->v[i + 1].point) : 1);
+        b->plain[j] = b->plain[j - 1] * p->v[i + 1].s.inv_S_light / (j > 1 ? path_survival(&p->v[i + 1].point) : 1);
         b->beta[j] = b->alpha[j - 1] * path_inv_C(p, i) + b->beta[j - 1] * p->v[i].s.inv_S_lens;
         b->lens_colour[j] = mul(b->lens_colour[j - 1], p->v[i].s.colour);
         b->lens_diffuse[j] = b->lens_diffuse[j - 1] + (p->v[i].mode == MODE_NONE);
+        b->lens_joined[j] = b->lens_joined[j - 1] || (p->v[i].mode == MODE_NONE && (j == 1 || p->v[i + 1].mode == MODE_NONE));
         b->lens_q[j] = b->lens_q[j - 1] * p->v[i].s.q;
         b->n_lens = j + 2;
     }
@@ -100,15 +100,16 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
 static Reach reach(const Bdpt *b, int n_light, int n_lens)
 {
     int k = n_light + n_lens - 1;
-    if (k >= 3 && (n_light > 1 || b->lens_diffuse[k - 2] > 0)) return REACH_INDIRECT;
-    return n_light == 0 && k >= 2 && b->lens_diffuse[k - 1] == 0 ? REACH_SEEN : REACH_DIRECT;
+    bool joined = n_light > 0 || k < 2 || b->lens_joined[k - 1] || lens_vertex(b, k - 1)->mode == MODE_NONE;
+    if (k >= 3 && (n_light > 1 || b->lens_diffuse[k - 2] > 0)) return joined ? REACH_INDIRECT : REACH_UNJOINED;
+    return joined ? REACH_DIRECT : REACH_SEEN;
 }
 
 static bool counts(const Bdpt *b, const Space *space, int n_light, int n_lens)
 {
     int k = n_light + n_lens - 1;
     if (k > space->max_depth) return false;
-    return space->direct == DIRECT_INCLUDED || (reach(b, n_light, n_lens) != REACH_INDIRECT) == (space->direct == DIRECT_ONLY);
+    return space->direct == DIRECT_INCLUDED || reach_is_direct(reach(b, n_light, n_lens)) == (space->direct == DIRECT_ONLY);
 }
 
 /* One more vertex in the recurrence of path_routes; 'r' is what Russian roulette has put into to->inv_S_light. */
@@ -153,7 +154,7 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
             colour = at_light.colour;
         } else {
             if (!bsdf_scatter(&light->point.surface, neg(light[-1].to_lens), w, MODE_NONE, &at_light)) return false;
-            double r = survival(&light->point);
+            double r = path_survival(&light->point);
             at_light.inv_S_lens *= r;
             at_light.inv_S_light *= r;
             routes = extend((Routes){ b->sum[n_light - 2], b->grown[n_light - 2], b->traced[n_light - 2], n_light - 1 }, &light[-1].s, light[-1].inv_G,
@@ -166,7 +167,7 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
             at_lens = (Scatter){ vec3(1, 1, 1), 1 / we, 0, 1, 1 };
         } else {
             if (!bsdf_scatter(&lens->point.surface, neg(w), lens->to_lens, MODE_NONE, &at_lens)) return false;
-            r_lens = survival(&lens->point);
+            r_lens = path_survival(&lens->point);
             at_lens.inv_S_lens *= r_lens;
             at_lens.inv_S_light *= r_lens;
             colour = mul(colour, at_lens.colour);
@@ -175,7 +176,7 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
     }
     double total = routes.sum, traced = routes.traced;
     if (n_lens > 1) {
-        routes = extend(routes, &at_lens, lens->inv_G, &lens[1].s, n_lens > 2 ? survival(&lens[1].point) : 1);
+        routes = extend(routes, &at_lens, lens->inv_G, &lens[1].s, n_lens > 2 ? path_survival(&lens[1].point) : 1);
         total = routes.sum * b->alpha[n_lens - 2] + routes.grown * b->beta[n_lens - 2];
         traced = routes.traced * b->plain[n_lens - 2];
         colour = mul(colour, b->lens_colour[n_lens - 2]);
@@ -183,10 +184,11 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
     if (n_light + n_lens == 2) traced = n_light == 0 ? at_lens.inv_F : b->traced[0];   /* a path tracer samples no light to the lens itself */
     c->pixel = (uint32_t)y * space->scene->camera.width + (uint32_t)x;
     c->reach = reach(b, n_light, n_lens);
-    c->traced = luminance(colour) / traced;
-    if (c->reach != REACH_INDIRECT && n_lens > 1) c->traced *= b->lens_q[n_lens - 2];
-    c->share = space_share(space, c->pixel, c->traced, c->reach);
-    if (!(c->share > 0)) return false;
+    bool direct = reach_is_direct(c->reach);
+    c->value = luminance(colour) / (space->bidirectional && !direct ? total : traced);
+    if (direct && n_lens > 1) c->value *= b->lens_q[n_lens - 2];
+    c->share = space_share(space, c->pixel, c->value, c->reach);
+    if (!(c->share > 0) || (space->part == REST && c->reach == REACH_UNJOINED)) return false;
     if (n_light > 0 && !scene_visible(space->scene, &b->light.v[n_light - 1].point, &lens->point)) return false;
     c->n_light = n_light;
     c->n_lens = n_lens;
@@ -212,7 +214,7 @@ const char *const path_class_name[CLASSES] = {
 
 PathClass bdpt_class(const Bdpt *b, const Candidate *c)
 {
-    if (c->reach != REACH_INDIRECT) return CLASS_DIRECT;
+    if (reach_is_direct(c->reach)) return CLASS_DIRECT;
     /* specular vertices: light 1 .. last_light, lens 1 .. last_lens; those joined never are */
     int last_light = c->n_light - 2, last_lens = c->n_lens - 2;
     bool at_lens = last_lens > 0 && lens_vertex(b, 1)->mode != MODE_NONE, at_light, any = last_lens > 0 && b->lens_diffuse[last_lens] < last_lens;

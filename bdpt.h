@@ -13,6 +13,7 @@ Bdpt *bdpt_new(void);          /* NULL if memory runs out */
 void bdpt_free(Bdpt *bdpt);
 
 /* Traces one pair of subpaths, the lens one through raster position (x, y), and hands every candidate that carries light to 'visit'.
+ * Of the REST it leaves out what is REACH_UNJOINED: the chains have seeds of those from elsewhere (run_meet).
  * With (x, y) uniform over the film, the expectation of the sum of rgb over candidates in pixel j, times the number of pixels, is pixel j. */
 void bdpt_sample(Bdpt *bdpt, const Space *space, double x, double y, Rng *rng, void (*visit)(void *context, const Candidate *), void *context);
 

@@ -154,7 +154,7 @@ static size_t block_size(const Render *r)
  * nearby values as lies above their standard errors. By a plain mean one firefly would starve its surroundings of chains and so beget
  * others. While chains have left little in a pixel, all that by blocks: a median over mostly empty pixels would be none. *mean receives that of
  * the picture. False if memory runs out. */
-static bool typical_brightness(const Render *r, float *out, double *mean)
+static bool typical_brightness(const Render *r, float *out, float *plain, double *mean)
 {
     size_t width = r->scene->camera.width, height = r->scene->camera.height, block = block_size(r);
     size_t across = (width + block - 1) / block, down = (height + block - 1) / block, blocks = across * down;
@@ -183,6 +183,12 @@ static bool typical_brightness(const Render *r, float *out, double *mean)
                 safe[at] = larger_f(0, bright[at] - sqrtf(safe[at])) / n;
                 bright[at] /= n;
             }
+        if (plain) {
+            memcpy(plain, bright, blocks * sizeof *plain);
+            filter(plain, across, down, work, 1, mean5);
+            for (size_t i = r->pixels; i-- > 0;)       /* backwards: none is read after it is written over */
+                plain[i] = plain[i / width / block * across + i % width / block];
+        }
         filter(bright, across, down, work, STRIDE, median5);
         filter(safe, across, down, work, 1, mean5);
         for (size_t y = 0; y < height; y++)
@@ -291,10 +297,11 @@ static double best_share(double error, uint64_t rays, double other_error, uint64
 /* After a round: the estimated relMSE, the shares of rays that direct light and bootstrap should have, and the two-stage weight. */
 void run_learn(Render *r)
 {
-    float *local = malloc(r->pixels * sizeof *local);
+    bool pilot = r->has_chain && r->chain_space.part == WHOLE;
+    float *local = malloc(2 * r->pixels * sizeof *local), *plain = local && pilot ? local + r->pixels : NULL;
     double mean, sampled = 0, chain = 0, chain_energy = 0;   /* the last three relative to the picture, summed over values */
-    r->unlearned = 0;
-    if (!local || !typical_brightness(r, local, &mean)) {    /* goes on with what it knew */
+    r->learned = (double)*r->scene->rays;
+    if (!local || !typical_brightness(r, local, plain, &mean)) {    /* goes on with what it knew */
         free(local);
         return;
     }
@@ -314,7 +321,10 @@ void run_learn(Render *r)
                 }
                 /* pixels in proportion to their relative error: w ~ 1/picture, floored so that none starves */
                 if (r->has_chain) r->film[pixel].weight = (float)(mean / (typical + 0.05 * mean));
-                if (r->has_chain && r->chain_space.part == WHOLE) r->film[pixel].threshold = (float)(typical + 0.05 * mean);   /* survey scales it */
+                if (pilot) {
+                    r->film[pixel].threshold = (float)(typical + 0.05 * mean);   /* survey scales it */
+                    r->picture[pixel] = larger_f(local[pixel], plain[pixel]) + (float)(0.05 * mean);
+                }
             }
         double values = 3 * (double)r->pixels;
         bool sampled_twice = !r->has_direct || r->passes.rows >= 2 * (uint64_t)r->scene->camera.height;
@@ -322,15 +332,32 @@ void run_learn(Render *r)
         r->relative_error = known && sampled_twice ? sqrt((sampled + chain) / values) : NAN;
         if (known && r->has_chain && r->stats.b > 0) {
             uint64_t chain_rays = r->stats.chain_rays + r->stats.start_rays;
-            if (r->has_direct) r->direct_share = best_share(sampled, r->passes.rays, chain, chain_rays, r->settings->seconds > 0 ? 50 : 4);
-            r->chain_error = chain / values;
-            /* what the uncertain b alone contributes */
-            double relative_b = r->b_variance_sum / (r->b_sum * r->b_sum), by_b = relative_b * chain_energy;
+            /* what the uncertain b alone contributes, of the seeds that samples have met and of bootstraps */
+            double per_variance = chain_energy / (r->b_sum * r->b_sum), by_met = r->met_variance_sum * per_variance, by_b = r->b_variance_sum * per_variance - by_met;
+            double others = fmax(chain - by_met, 0.1 * chain);
+            if (r->has_direct) r->direct_share = best_share(sampled + by_met, r->passes.rays, others, chain_rays, r->settings->seconds > 0 ? 50 : 4);
             r->start_share = best_share(by_b, r->stats.start_rays, fmax(chain - by_b, 0.1 * chain), r->stats.chain_rays, 2);
         }
         learn_agreement(r, mean);
     } else if (!r->has_chain || r->stats.bootstrap_hits == 0) r->relative_error = 0;     /* black, and nothing says that it should not be */
     free(local);
+}
+
+double run_chain_error(const Render *r)
+{
+    Estimator all = estimator(r);
+    double relative_met = r->met_variance_sum / (r->b_sum * r->b_sum), sum = 0, by_met = 0;
+    size_t pixel = 0;
+    for (uint32_t y = 0; y < r->scene->camera.height; y++)
+        for (uint32_t x = 0; x < r->scene->camera.width; x++, pixel++) {
+            Estimate e = estimate(&all, x, y);
+            double picture = (double)r->picture[pixel];
+            for (int i = 0; i < 3; i++) {
+                sum += e.chain_variance[i] / (picture * picture);
+                by_met += relative_met * e.chain[i] * e.chain[i] / (picture * picture);
+            }
+        }
+    return fmax(sum - by_met, 0.1 * sum) / (3 * (double)r->pixels);
 }
 
 void render_image(const Render *r, Image *image)

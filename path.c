@@ -84,29 +84,50 @@ bool path_scatter(const Space *space, Path *p, int i)
 
 Reach path_reach(const Path *p)
 {
-    for (int i = 2; i < p->k; i++)
-        if (p->v[i].mode == MODE_NONE) return REACH_INDIRECT;
-    return path_specular(p, 1) ? REACH_SEEN : REACH_DIRECT;
+    bool direct = true, joined = false, before = true;   /* 'before': the vertex before could be joined */
+    for (int i = 1; i <= p->k; i++) {
+        bool now = !path_specular(p, i);
+        if (now && i > 1 && i < p->k) direct = false;
+        joined |= now && before;
+        before = now;
+    }
+    return direct ? joined ? REACH_DIRECT : REACH_SEEN : joined ? REACH_INDIRECT : REACH_UNJOINED;
 }
 
 static double traced_value(const Path *p, Reach reach)
 {
     double from_lens = path_inv_C(p, -1) * path_inv_S_light(p, 1) + (p->k > 1 ? path_inv_S_lens(p, -1) * path_inv_C(p, 0) : 0), q = 1;
     for (int i = 2; i <= p->k; i++) from_lens *= path_inv_S_light(p, i);
-    if (reach != REACH_INDIRECT)
+    if (reach_is_direct(reach))
         for (int i = 1; i < p->k; i++) q *= p->v[i].s.q;
     return luminance(p->colour) * q / from_lens;
 }
 
 double path_traced_value(const Path *p) { return traced_value(p, path_reach(p)); }
 
+double path_bidirectional_value(const Path *p)
+{
+    double sum = path_inv_C(p, -1), grown = path_inv_S_lens(p, -1), survival = 1;    /* path_routes(-1, k+1), with roulette */
+    for (int e = 0, k = p->k; e < k; e++) {
+        double next = e + 1 < k ? path_survival(&p->v[e + 1].point) : 1;
+        sum = sum * path_inv_S_light(p, e + 1) * next + grown * path_inv_C(p, e);
+        grown *= path_inv_S_lens(p, e) * survival;
+        survival = next;
+    }
+    return luminance(p->colour) / sum;
+}
+
 void path_finish(const Space *space, Path *p)
 {
     p->colour = p->v[0].s.colour;
     for (int i = 1; i < p->k; i++) p->colour = mul(p->colour, p->v[i].s.colour);
     Reach reach = path_reach(p);
-    bool in = p->k <= space->max_depth && (space->direct == DIRECT_INCLUDED || (reach != REACH_INDIRECT) == (space->direct == DIRECT_ONLY));
-    p->share = !in ? 0 : space->part != WHOLE ? space_share(space, p->pixel, traced_value(p, reach), reach) : 1;
+    bool in = p->k <= space->max_depth && (space->direct == DIRECT_INCLUDED || reach_is_direct(reach) == (space->direct == DIRECT_ONLY));
+    p->share = !in ? 0 : 1;
+    if (in && space->part != WHOLE) {
+        bool bidirectional = space->bidirectional && !reach_is_direct(reach);
+        p->share = space_share(space, p->pixel, bidirectional ? path_bidirectional_value(p) : traced_value(p, reach), reach);
+    }
     p->chi = p->share * luminance(p->colour) * (space->film ? (double)space->film[p->pixel].weight : 1);
 }
 

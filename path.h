@@ -37,9 +37,12 @@ typedef struct {
     Vertex v[MAX_EDGES + 1];
 } Path;
 
-/* How light reaches the lens: indirectly; directly, exactly L D? S* E: every vertex between x_1 and the lens is specular; and of direct light
- * that which is seen by way of specular vertices alone, L S+ E. */
-typedef enum { REACH_INDIRECT, REACH_DIRECT, REACH_SEEN } Reach;
+/* How light reaches the lens: indirectly, by a path that has an edge without a specular end or by one that has none, L S+ D S+ E and longer ones;
+ * directly, exactly L D? S* E: every vertex between x_1 and the lens is specular; and of direct light that which is seen by way of specular vertices
+ * alone, L S+ E. The second and the last cannot be joined anywhere: all that finds them is a walk that meets the light (or the lens) by itself. */
+typedef enum { REACH_INDIRECT, REACH_UNJOINED, REACH_DIRECT, REACH_SEEN } Reach;
+static inline bool reach_is_direct(Reach reach) { return reach >= REACH_DIRECT; }
+static inline bool reach_is_joined(Reach reach) { return reach == REACH_INDIRECT || reach == REACH_DIRECT; }
 
 /* Which paths count. */
 typedef enum { DIRECT_INCLUDED, DIRECT_EXCLUDED, DIRECT_ONLY } DirectClass;
@@ -51,8 +54,9 @@ typedef struct {
     double sum[3];                 /* recorded by the chains; not for the space */
 } Pixel;
 
-/* The integrand as a whole, or divided between a path tracer and chains: of a path whose estimate by the path tracer (path_traced_value) is above the
- * threshold, CAPPED keeps so much that it is just that; REST is what is left of f. Direct light that is not REACH_SEEN has no threshold. */
+/* The integrand as a whole, or divided between independent samples and chains: of a path whose estimate by a sample (path_traced_value or
+ * path_bidirectional_value) is above the threshold, CAPPED keeps so much that it is just that; REST is what is left of f. Direct light that is not
+ * REACH_SEEN has no threshold. */
 typedef enum { WHOLE, CAPPED, REST } Part;
 
 /* The space that is integrated over. */
@@ -63,6 +67,7 @@ typedef struct {
     const Pixel *film;             /* [pixels]; NULL for w = 1 and the WHOLE */
     Part part;
     double seen;                   /* REACH_SEEN has its threshold at so many times that of indirect light */
+    bool bidirectional;            /* indirect light is capped by its value to a bidirectional path tracer, not to a path tracer */
 } Space;
 
 /* A path that an independent sample found, by joining n_light vertices grown from the light to n_lens grown from the lens
@@ -72,7 +77,7 @@ typedef struct {
     uint32_t pixel;
     Rgb rgb;                   /* f / sum of the densities of all techniques (balance heuristic), whatever its share */
     double weight;             /* the same of the target f*: luminance times w(pixel), times the share */
-    double traced;             /* path_traced_value of the path */
+    double value;              /* by which it is capped: path_traced_value, or path_bidirectional_value */
     double share;              /* of f that the space holds */
     Reach reach;               /* path_reach */
 } Candidate;
@@ -109,14 +114,18 @@ Reach path_reach(const Path *path);
  * joining x_1 to a sampled light point (the balance heuristic over both; Russian roulette apart). At glass it draws the mode, and p has the mode's
  * chance in it, but for direct light, for which it goes both ways. */
 double path_traced_value(const Path *path);
+/* The same of a bidirectional path tracer (bdpt.h), Russian roulette included. */
+double path_bidirectional_value(const Path *path);
+/* Its chance to go on from a point, a function of that alone so that every technique can tell it. */
+static inline double path_survival(const Point *point) { return bsdf_albedo(&point->surface); }
 /* How much of f the space holds of a path of this value in this pixel. */
 static inline double space_share(const Space *space, uint32_t pixel, double value, Reach reach)
 {
     if (space->part == WHOLE) return 1;
     double most = (double)space->film[pixel].threshold;
     if (reach == REACH_SEEN) most *= space->seen;
-    if (value > most && reach != REACH_DIRECT) return space->part == REST ? 1 - most / value : most / value;
-    return space->part == REST ? 0 : 1;
+    double capped = value > most && reach != REACH_DIRECT ? most / value : 1;
+    return space->part == REST ? 1 - capped : capped;
 }
 
 /* v[i] scatters at a specular surface (never true at the ends). */

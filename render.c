@@ -1,13 +1,14 @@
 /* Rounds and passes. See render.h.
  *
- * A Metropolis run is a row of independent rounds. Each has its own bootstrap, its own b, its own chains, and leaves an unbiased picture; the
+ * A Metropolis run is a row of independent rounds. Each has its own seeds, its own b, its own chains, and leaves an unbiased picture; the
  * result is their average, weighted by mutations. So b grows sharper as the run goes on, the spread between rounds tells the error (a
  * shared b would hide its own), and a round may use what earlier ones have learned: the two-stage weight w ~ 1/picture, and the shares of work.
  *
  * With direct light apart, the integrand is divided. The path tracer has all direct light; of an indirect path that it finds with a value above
  * tau times the picture it keeps so much that the value is just that, and all of the others; the chains get the rest. The path tracer's values
- * are bounded then, and the chains need not visit what is easy. (To cap the values leaves the chains the least for a given second moment.) How much of a
- * path is whose depends on the path and on thresholds that a pilot has set, whose own picture is thrown away.
+ * are bounded then, and the chains need not visit what is easy. (To cap the values leaves the chains the least for a given second moment.) Where it is better
+ * at it, a bidirectional path tracer takes the path tracer's place for indirect light. How much of a path is whose depends on the path and on thresholds
+ * that a pilot has set, whose own picture is thrown away.
  *
  * Every round and every chain has its own random stream, so the state of a run is a few pictures and counters.
  */
@@ -18,10 +19,10 @@
 #include <time.h>
 
 enum {
-    PILOTS = 4,                    /* short rounds that teach, a hundredth of the work each, and are thrown away */
+    WHOLE_PILOTS = 3, PILOTS = 6,  /* short rounds that teach, a hundredth of the work each, and are thrown away; while the integrand is whole, and all */
     ROUNDS = 16,                   /* that make the picture */
     PILOT_STEPS = 8,               /* mutations per pixel that a pilot round needs at most */
-    LEARN_STEPS = 2,               /* mutations per pixel after which it pays to learn again: that costs as much as some 0.1 */
+    LEARN_RAYS = 4,                /* per pixel after which it pays to learn again: that costs as much as some 0.2 */
     SLICE = 16384,                 /* steps between two looks at the clock */
     STREAM_BITS = 40               /* of a random stream's number, below the round's */
 };
@@ -41,31 +42,35 @@ Render *render_new(const Scene *scene, const Settings *settings)
     r->settings = settings;
     r->pixels = (size_t)scene->camera.width * scene->camera.height;
     DirectClass all = settings->direct == LIGHT_ONLY ? DIRECT_ONLY : settings->direct == LIGHT_NONE ? DIRECT_EXCLUDED : DIRECT_INCLUDED;
-    r->chain_space = r->direct_space = (Space){ .scene = scene, .max_depth = settings->max_depth, .direct = all };
+    r->chain_space = r->direct_space = r->joined_space = (Space){ .scene = scene, .max_depth = settings->max_depth, .direct = all };
     if (settings->integrator == INTEGRATOR_MLT) {
         r->has_chain = settings->direct != LIGHT_ONLY;
         r->has_direct = settings->direct == LIGHT_ONLY || settings->direct == LIGHT_APART;
         r->direct_space.direct = DIRECT_ONLY;
         if (settings->direct == LIGHT_APART) r->chain_space.direct = DIRECT_EXCLUDED;
+        r->pilot = true;
     } else r->has_direct = true;
+    r->bidirectional = settings->integrator == INTEGRATOR_BDPT;
     size_t doubles = 3 * r->pixels;
     bool ok = (r->bdpt = bdpt_new()) && (r->x = malloc(sizeof *r->x)) && (r->y = malloc(sizeof *r->y)) && (r->trail = malloc(sizeof *r->trail));
     if (r->has_direct)
         ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.direct = calloc(r->pixels, 8))
             && (r->passes.earlier = calloc(doubles, 8))
             && (r->passes.count = calloc(scene->camera.height, 4));
-    if (settings->integrator == INTEGRATOR_BDPT || (r->has_chain && r->has_direct && scene->has_specular))
+    if (r->bidirectional || (r->has_chain && r->has_direct))
         ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)
-        ok = ok && (r->film = large_alloc(r->pixels * sizeof *r->film)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8));
+        ok = ok && (r->met.seed = malloc(SEEDS * sizeof *r->met.seed)) && (r->picture = calloc(r->pixels, sizeof *r->picture))
+            && (r->film = large_alloc(r->pixels * sizeof *r->film)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8));
     if (!ok) { render_free(r); return NULL; }
     for (size_t i = 0; r->has_chain && i < r->pixels; i++) r->film[i] = (Pixel){ .weight = 1 };
-    r->chain_space.film = r->direct_space.film = r->film;
+    r->chain_space.film = r->direct_space.film = r->joined_space.film = r->film;
     r->sampler = sampler_for(scene, settings->strategies);
     r->direct_share = 0.2;
     r->rate = 1e6;
     r->samples_rate = 1e4;
     r->samples_per_step = 0.2;
+    r->rays_per_step = 2;
     r->passes.evenness.a = 1;
     r->relative_error = NAN;
     r->last_round = PILOTS + ROUNDS;
@@ -77,7 +82,8 @@ void render_free(Render *r)
     if (!r) return;
     bdpt_free(r->bdpt);
     Passes *p = &r->passes;
-    void *owned[] = { r->x, r->y, r->trail, p->sum, p->square, p->direct, p->earlier, p->count, p->light, p->light_square, r->film, r->sum, r->square, r };
+    void *owned[] = { r->x, r->y, r->trail, p->sum, p->square, p->direct, p->earlier, p->count, p->light, p->light_square,
+                      r->film, r->picture, r->met.seed, r->sum, r->square, r };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
 }
 
@@ -95,15 +101,19 @@ typedef struct { Render *r; Rng *rng; Rgb own; double cut; bool out_of_memory; }
 
 static void add_direct(Render *r, const Candidate *c)
 {
-    if (c->reach != REACH_INDIRECT && finite3(c->rgb)) r->passes.direct[c->pixel] += c->share * (c->rgb.x + c->rgb.y + c->rgb.z);
+    if (reach_is_direct(c->reach) && finite3(c->rgb)) r->passes.direct[c->pixel] += c->share * (c->rgb.x + c->rgb.y + c->rgb.z);
 }
 
 static void visit_traced(void *context, const Candidate *c)
 {
     Splat *s = context;
     add_direct(s->r, c);
-    if (c->reach == REACH_INDIRECT) s->cut += (1 - c->share) * (c->rgb.x + c->rgb.y + c->rgb.z) / 3;
-    if (c->reach == REACH_SEEN && c->share < 1 && !run_spread(s->r, c, s->rng)) s->out_of_memory = true;
+    if (c->share == 1) return;
+    if (c->reach == REACH_SEEN) s->out_of_memory |= !run_spread(s->r, c, s->rng);
+    else {
+        s->cut += (1 - c->share) * (c->rgb.x + c->rgb.y + c->rgb.z) / 3;
+        run_meet(s->r, c, s->rng);
+    }
 }
 
 static void splat_candidate(void *context, const Candidate *c)
@@ -111,13 +121,27 @@ static void splat_candidate(void *context, const Candidate *c)
     Splat *s = context;
     if (!finite3(c->rgb)) { s->r->stats.bad_samples++; return; }
     if (c->n_lens > 1) {
-        s->own = add(s->own, c->rgb);
-        add_direct(s->r, c);
+        s->own = along(s->own, c->share, c->rgb);
+        visit_traced(s, c);
         return;
     }
+    if (c->share < 1) visit_traced(s, c);
     double *light = s->r->passes.light + 3 * (size_t)c->pixel, *square = s->r->passes.light_square + 3 * (size_t)c->pixel;
-    const double v[3] = { c->rgb.x, c->rgb.y, c->rgb.z };
+    const double v[3] = { c->share * c->rgb.x, c->share * c->rgb.y, c->share * c->rgb.z };
     for (int i = 0; i < 3; i++) { light[i] += v[i]; square[i] += v[i] * v[i]; }
+}
+
+/* Rows in an order in which some that follow each other are spread over the film, from a chance one on: each is as likely as any other to be in a round. */
+static uint32_t row_of(const Render *r)
+{
+    uint64_t height = r->scene->camera.height, stride = (uint64_t)(0.6180339887 * (double)height) | 1, start;
+    for (uint64_t a = height, b = stride; ; a = height, b = stride += 2) {
+        while (b != 0) { uint64_t rest = a % b; a = b; b = rest; }
+        if (a == 1) break;
+    }
+    Rng rng = rng_new(r->settings->seed, (uint64_t)5 << 61);
+    start = rng_index(&rng, (uint32_t)height);
+    return (uint32_t)((start + r->passes.rows % height * stride) % height);
 }
 
 /* One more sample in each pixel of the next row. Its place in the pixel and its first light sample fill their ranges evenly over the
@@ -125,10 +149,10 @@ static void splat_candidate(void *context, const Candidate *c)
 static bool sample_row(Render *r)
 {
     Passes *p = &r->passes;
-    uint32_t width = r->scene->camera.width, height = r->scene->camera.height, row = (uint32_t)(p->rows % height);
+    uint32_t width = r->scene->camera.width, height = r->scene->camera.height, row = row_of(r);
     uint64_t pass = p->rows / height, rays = *r->scene->rays;
     /* Of its own for the pilot: were its samples seen again, the thresholds would depend on what they are to cap. */
-    uint64_t stream = (uint64_t)(r->has_chain && r->chain_space.part == WHOLE ? 7 : 6) << 61;
+    uint64_t stream = (uint64_t)(r->pilot ? 7 : 6) << 61;
     Rng rng = rng_new(r->settings->seed, stream + ((uint64_t)1 << 60) + p->rows);
     for (uint32_t column = 0; column < width; column++) {
         size_t pixel = (size_t)row * width + column;
@@ -137,8 +161,9 @@ static bool sample_row(Render *r)
         for (int d = 0; d < NUMBERS; d++) even_ones.u[d] = even(rng_double(&offset), pass, d);
         double x = column + even_ones.u[0], y = row + even_ones.u[1];
         Splat s = { .r = r, .rng = &rng };
-        if (r->settings->integrator == INTEGRATOR_BDPT) bdpt_sample(r->bdpt, &r->direct_space, x, y, &rng, splat_candidate, &s);
-        else s.own = path_trace(&r->direct_space, column, row, &even_ones.named, &rng, r->trail, visit_traced, &s);
+        if (r->settings->integrator != INTEGRATOR_BDPT)
+            s.own = path_trace(&r->direct_space, column, row, &even_ones.named, &rng, r->trail, visit_traced, &s);
+        if (r->bidirectional) bdpt_sample(r->bdpt, &r->joined_space, x, y, &rng, splat_candidate, &s);
         if (s.out_of_memory) return false;
         if (!finite3(s.own)) { r->stats.bad_samples++; continue; }
         p->cut += s.cut;
@@ -148,6 +173,7 @@ static bool sample_row(Render *r)
     }
     p->rows++;
     p->count[row]++;
+    r->met.rows++;
     p->rays += *r->scene->rays - rays;
     if (p->rows % height == 0) run_evenness(r);
     return true;
@@ -179,13 +205,13 @@ static void splat_path(void *context, const Path *path, double weight)
     sum[2] += scale * path->colour.z;
 }
 
-/* How many chains share a round's steps: as many as its bootstrap is likely to have seeds that are worth one, for chains from the same heavy
+/* How many chains share a round's steps: as many as it is likely to have seeds that are worth one, for chains from the same heavy
  * seed would walk the same ground, and one long chain gets further than they. Likely by earlier rounds: were it this one's own, the
  * chains' length would depend on the weights, and the expectation would no longer be exact. */
 static double chain_number(const Render *r)
 {
     const Settings *s = r->settings;
-    double steps = r->round.planned, seeds = r->seeds_per_sample > 0 ? r->seeds_per_sample * (double)r->round.n_bootstrap : 128;
+    double steps = r->round.planned, seeds = r->seeds > 0 ? r->seeds : 128;
     if (s->chains > 0) {
         double n = (double)s->chains, total = s->per_pixel * (double)r->pixels, before = floor(n * r->steps_sum / total);
         return fmax(1, fmin(steps, total > 0 ? floor(n * (r->steps_sum + steps) / total) - before : ceil(n / ROUNDS)));
@@ -193,11 +219,12 @@ static double chain_number(const Render *r)
     return floor(fmin(fmax(0.5 * seeds, 8), fmax(1, steps / 64)));
 }
 
-/* 1 / (sum of squared shares of the weight), per sample */
-static double effective_seeds(const Bootstrap *boot)
+/* 1 / (sum of squared shares of the weight) */
+static double effective_seeds(const Bootstrap *boot, const Render *r)
 {
-    double n = (double)boot->n, mean_square = boot->b_variance * (n - 1) + boot->b * boot->b;
-    return boot->b > 0 ? boot->b * boot->b / mean_square : 0;
+    double samples = r->met.rows * r->scene->camera.width, b = r->round.b;
+    double squares = (boot->n > 0 ? boot->square / pow((double)boot->n, 2) : 0) + (samples > 0 ? r->met.square / (samples * samples) : 0);
+    return b > 0 ? b * b / squares : 0;
 }
 
 /* For a round of so many steps: by the share of rays that was found best, but at least 1000, or where no clock presses 100000 for the run. */
@@ -211,9 +238,10 @@ static double plan_time(const Render *r, Round *round)
 {
     double now = clock_now(), share = r->rounds < PILOTS ? 0.01 : 1 / ((double)r->last_round - (double)r->rounds);
     double time = (r->settings->start + r->settings->seconds - now) * share;
-    round->deadline = now + time;
-    if (r->has_direct) time /= 1 + r->direct_share;
-    round->chain_deadline = now + time;
+    round->direct_deadline = round->deadline = now + time;
+    if (!r->has_direct) return time;
+    time /= 1 + r->direct_share;
+    round->direct_deadline -= time;
     return time;
 }
 
@@ -223,7 +251,7 @@ static bool plan_round(Render *r)
     const Settings *s = r->settings;
     double total = s->per_pixel * (double)r->pixels, left = (double)r->last_round - (double)r->rounds, share = r->rounds < PILOTS ? 0.01 : 1 / left;
     if (r->rounds >= PILOTS && total > 0 && r->steps_sum >= total) return false;    /* an earlier run has done as much */
-    Round round = { .phase = CHAINS, .planned = INFINITY, .deadline = INFINITY, .chain_deadline = INFINITY };
+    Round round = { .phase = DIRECT, .planned = INFINITY, .deadline = INFINITY, .direct_deadline = INFINITY };
     if (total == 0 && s->seconds == 0) round.planned = 16 * (double)r->pixels;
     if (isinf(round.planned) && left <= 0) return false;
     if (total > 0) round.planned = floor((total - r->steps_sum) * share + 0.5);
@@ -236,9 +264,24 @@ static bool plan_round(Render *r)
     }
     double n = s->bootstrap ? ceil((double)s->bootstrap * (r->rounds < PILOTS ? 0.01 : 1.0 / ROUNDS)) : bootstrap_samples(r, round.planned);
     round.n_bootstrap = (uint64_t)fmin(n, fmin(4e7, fmax(256, 0.67 * r->samples_rate * time)));
+    if (r->has_chain && r->bidirectional && s->bootstrap == 0) round.n_bootstrap = 0;      /* run_meet has it all */
     r->round = round;
     r->rounds++;
     return true;
+}
+
+/* Where there is a bootstrap, the others' finds count as if they were of so many samples. */
+static void count_found(Render *r, const Bootstrap *boot)
+{
+    RenderStats *s = &r->stats;
+    double samples = r->met.rows * r->scene->camera.width, n = boot->n > 0 ? (double)boot->n : samples, scale = samples > 0 ? n / samples : 0;
+    s->bootstrap_samples += (uint64_t)n;
+    s->bootstrap_hits += boot->hits + (uint64_t)r->met.hits;
+    for (int c = 0; c < CLASSES; c++) {
+        s->found[c].hits += boot->found[c].hits + (uint64_t)r->met.found[c].hits;
+        s->found[c].weight += boot->found[c].weight + scale * r->met.found[c].weight;
+        s->found[c].square += boot->found[c].square + scale * scale * r->met.found[c].square;
+    }
 }
 
 /* b^, seeds, chains. False if memory runs out. */
@@ -260,33 +303,29 @@ static bool run_round(Render *r)
     }
     if (resumed) *rays = before;               /* it has been counted */
     else {
-        round->b = boot.b;
-        round->b_variance = boot.b_variance;
+        round->b = boot.b + run_met(r, &round->met_variance);
+        round->b_variance = boot.b_variance + round->met_variance;
         round->chains = chain_number(r);
-        r->seeds_per_sample = effective_seeds(&boot);
+        r->seeds = effective_seeds(&boot, r);
         clear_film(r);
         r->stats.bad_samples += boot.bad;
-        r->stats.bootstrap_samples += boot.n;
-        r->stats.bootstrap_hits += boot.hits;
-        for (int c = 0; c < CLASSES; c++) {
-            r->stats.found[c].hits += boot.found[c].hits;
-            r->stats.found[c].weight += boot.found[c].weight;
-            r->stats.found[c].square += boot.found[c].square;
-        }
+        count_found(r, &boot);
         r->stats.start_rays += *rays - before;
     }
     double began = clock_now(), seconds_start = began - start;
     r->stats.seconds_start += seconds_start;
-    r->samples_rate = (double)boot.n / fmax(1e-6, seconds_start);
+    if (boot.n > 0) r->samples_rate = (double)boot.n / fmax(1e-6, seconds_start);
     double offset = (double)(rng_new(seed, stream - 1).s[0] >> 11) * 0x1p-53, steps_before = round->steps;
-    while (round->chain < round->chains && going(r) && in_time(r, round->chain_deadline) && r->steps_sum + round->steps < total) {
+    while (round->chain < round->chains && going(r) && in_time(r, round->deadline) && r->steps_sum + round->steps < total) {
         if (round->left == 0) {
             /* a chain's share of the steps, so that all together are exactly as planned */
             double c = round->chain;
             round->left = floor(round->planned * (c + 1) / round->chains) - floor(round->planned * c / round->chains);
             round->rng = rng_new(seed, stream + ((uint64_t)1 << (STREAM_BITS - 1)) + (uint64_t)c);
             r->stats.chain.rejection = 0;
-            if (!bootstrap_seed(&boot, &r->chain_space, r->bdpt, even(offset, (uint64_t)c, 0), r->x)) {
+            double u = even(offset, (uint64_t)c, 0) * round->b;
+            if (u >= boot.b && round->b > boot.b) run_met_seed(r, (u - boot.b) / (round->b - boot.b), r->x);
+            else if (!bootstrap_seed(&boot, &r->chain_space, r->bdpt, u / boot.b, r->x)) {
                 round->steps = round->planned; /* nothing to be found: the round's picture is black */
                 break;
             }
@@ -303,8 +342,8 @@ static bool run_round(Render *r)
     double seconds = clock_now() - began;
     r->stats.seconds_chain += seconds;
     if (round->steps > steps_before && round->b > 0) r->rate = (round->steps - steps_before) / fmax(1e-6, seconds);
-    if (r->stats.chain_rays > 0)
-        r->samples_per_step = (double)r->stats.chain_rays / (r->steps_sum + round->steps) * (double)r->stats.bootstrap_samples / (double)r->stats.start_rays;
+    if (r->stats.chain_rays > 0) r->rays_per_step = (double)r->stats.chain_rays / (r->steps_sum + round->steps);
+    if (boot.n > 0 && r->stats.start_rays > 0) r->samples_per_step = r->rays_per_step * (double)r->stats.bootstrap_samples / (double)r->stats.start_rays;
     return true;
 }
 
@@ -338,13 +377,15 @@ void run_close_chains(Render *r)
         r->steps_square += n * n;
         r->b_sum += n * r->round.b;
         r->b_variance_sum += n * n * r->round.b_variance;
+        r->met_variance_sum += n * n * r->round.met_variance;
         r->stats.b = r->b_sum / r->steps_sum;
     }
-    r->round.steps = r->round.b = r->round.b_variance = 0;
+    r->round.steps = r->round.b = r->round.b_variance = r->round.met_variance = 0;
+    run_forget_met(r);
 }
 
-/* Forgets the pilot but for what it has taught. */
-static bool end_pilot(Render *r)
+/* Forgets what chains have done but for what it has taught. */
+static void forget_chains(Render *r)
 {
     size_t bytes = 3 * r->pixels * sizeof(double);
     memset(r->sum, 0, bytes);
@@ -352,21 +393,33 @@ static bool end_pilot(Render *r)
     clear_film(r);
     memset(r->tile, 0, sizeof r->tile);
     memset(r->stats.found, 0, sizeof r->stats.found);
-    r->steps_sum = r->steps_square = r->b_sum = r->b_variance_sum = 0;
-    r->seeds_per_sample = 0;
+    r->steps_sum = r->steps_square = r->b_sum = r->b_variance_sum = r->met_variance_sum = 0;
+    r->seeds = 0;
     r->relative_error = NAN;
     r->stats.bootstrap_samples = r->stats.bootstrap_hits = 0;
     r->stats.b = 0;
-    if (r->has_direct) {
-        run_survey(r);
-        run_divide(r);
-    }
     r->stats.start_rays = r->stats.chain_rays = 0;
     r->stats.seconds_start += r->stats.seconds_chain + r->stats.seconds_direct;
     r->stats.seconds_chain = r->stats.seconds_direct = 0;
-    if (!r->has_direct) return true;
-    memset(r->passes.sum, 0, bytes);
-    memset(r->passes.square, 0, bytes);
+}
+
+/* After a pilot round. False if memory runs out. */
+static bool learn_from_pilot(Render *r)
+{
+    size_t bytes = 3 * r->pixels * sizeof(double);
+    sampler_tune(&r->sampler, r->scene, &r->stats.chain);
+    r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };
+    if (r->rounds != PILOTS && !(r->has_direct && r->rounds == WHOLE_PILOTS)) return true;
+    if (r->has_direct) {
+        run_survey(r);
+        run_divide(r);
+        if (r->rounds < PILOTS) r->direct_share = 1;
+    }
+    forget_chains(r);
+    r->pilot = r->rounds < PILOTS;
+    if (!r->has_direct || r->pilot) return true;
+    double *thrown_away[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square };
+    for (int i = 0; i < 4; i++) memset(thrown_away[i], 0, bytes);
     memset(r->passes.direct, 0, r->pixels * sizeof *r->passes.direct);
     memset(r->passes.count, 0, r->scene->camera.height * sizeof *r->passes.count);
     r->passes.rows = r->passes.rays = 0;
@@ -391,32 +444,32 @@ static bool run_chains(Render *r)
     while (going(r)) {
         bool good_enough = s->error > 0 && r->rounds > PILOTS + 3 && r->relative_error <= s->error;
         if (r->round.phase == PLAN && (good_enough || !plan_round(r))) break;
-        if (r->round.phase == CHAINS) {
-            if (!run_round(r)) return false;
-            if (!going(r)) break;
-            r->unlearned += r->round.steps;
-            run_close_chains(r);
-            r->round.phase = DIRECT;
-        }
         double start = clock_now();
-        if (r->has_direct) {
-            bool timed = s->seconds > 0 && s->per_pixel == 0 && r->rounds > PILOTS;   /* then the chains have kept to their part of the time */
-            double least = least_rows(r), rays = r->direct_share * (double)r->stats.chain_rays, deadline = timed ? r->round.deadline : s->start + s->seconds;
-            while ((timed || (double)r->passes.rows < least || (double)r->passes.rays < rays) && going(r) && in_time(r, deadline))
+        if (r->round.phase == DIRECT) {
+            bool timed = s->seconds > 0 && s->per_pixel == 0 && r->rounds > WHOLE_PILOTS;
+            /* the total may be less than planned where a run is resumed with less to do */
+            double total = s->per_pixel > 0 ? s->per_pixel * (double)r->pixels : INFINITY;
+            double least = least_rows(r), rays = r->direct_share * r->rays_per_step * fmin(r->steps_sum + r->round.planned, total);
+            double deadline = timed ? r->round.direct_deadline : s->start + s->seconds;
+            while (r->has_direct && going(r)) {
+                bool on = (timed || (double)r->passes.rows < least || (double)r->passes.rays < rays) && in_time(r, deadline);
+                if (!on && ROUNDS * r->met.rows >= (double)r->scene->camera.height) break;   /* no round is without a sample of all parts of the film */
                 if (!sample_row(r)) return false;
+            }
+            r->stats.seconds_direct += clock_now() - start;
+            if (!going(r)) break;
+            r->round.phase = CHAINS;
         }
-        r->stats.seconds_direct += clock_now() - start;
+        if (!run_round(r)) return false;
         if (!going(r)) break;
-        if (r->rounds <= PILOTS || r->rounds == r->last_round || r->unlearned >= LEARN_STEPS * (double)r->pixels) {
+        run_close_chains(r);
+        bool due = r->pilot ? r->chain_space.part == WHOLE : (double)*r->scene->rays - r->learned >= LEARN_RAYS * (double)r->pixels;
+        if (due || r->rounds == r->last_round) {
             start = clock_now();
             run_learn(r);
             r->stats.seconds_start += clock_now() - start;
         }
-        if (r->rounds <= PILOTS) {
-            sampler_tune(&r->sampler, r->scene, &r->stats.chain);
-            r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };
-        }
-        if (r->rounds == PILOTS && !end_pilot(r)) return false;
+        if (r->rounds <= PILOTS && !learn_from_pilot(r)) return false;
         r->round.phase = PLAN;
     }
     return true;
@@ -451,7 +504,7 @@ void run_go_on(Render *r)
         r->rounds--;
         plan_time(r, &r->round);
         r->rounds++;
-    } else r->round.deadline = r->round.chain_deadline = INFINITY;
+    } else r->round.deadline = r->round.direct_deadline = INFINITY;
 }
 
 bool render_run(Render *r, bool (*keep_going)(void *, const Render *), void *context)
@@ -471,6 +524,8 @@ RenderStats render_stats(const Render *r)
     s.b = steps > 0 ? b / steps : 0;
     s.b_stderr = steps > 0 ? sqrt(r->b_variance_sum + round->steps * round->steps * round->b_variance) / steps : 0;
     s.relative_error = r->relative_error;
+    s.tau = r->tau;
+    s.bidirectional = r->bidirectional;
     s.bad_samples += s.chain.bad;
     return s;
 }

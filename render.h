@@ -29,6 +29,8 @@ typedef struct {
     uint64_t bad_samples;
     uint64_t bootstrap_samples, bootstrap_hits;
     struct { uint64_t hits; double weight, square; } found[CLASSES];   /* bootstrap samples that found such paths; sums of their light and its squares */
+    double tau;                    /* independent samples are worth so many times the picture at most; 0 while the integrand is whole */
+    bool bidirectional;            /* those of indirect light are a bidirectional path tracer's */
     double chain_part;             /* of the picture's light, what the chains bring */
     /* Whether the rounds agree, tile by tile of the film; of finished rounds. */
     uint32_t tiles, rounds, tiles_disagreeing;  /* most of the chains' light, and enough to be seen, came in one round alone */

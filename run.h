@@ -23,15 +23,24 @@ typedef struct {
     uint64_t rays;
 } Passes;
 
+/* Paths that the independent samples of this round have met and, by their values, left to the chains, and that no bootstrap looks for: sums of their weights
+ * f*, and of squares, over the density of one sample; and of their light by classes. */
+enum { SEEDS = 64 };
+typedef struct {
+    double rows, hits, sum, square;            /* rows of pixels sampled meanwhile */
+    struct { double hits, weight, square; } found[CLASSES];
+    Path *seed;                    /* [SEEDS], each drawn from all that were met in proportion to their weights */
+} Met;
+
 /* The round under way. Everything that is needed to go on with it after an interruption, but for the bootstrap, which replays. */
 typedef struct {
-    enum { PLAN, CHAINS, DIRECT } phase;
+    enum { PLAN, DIRECT, CHAINS } phase;
     double planned, chains;        /* steps, and how many chains share them */
     double chain, left;            /* the chain under way and the steps it has left; its state is Render.x */
     Rng rng;                       /* of that chain */
     uint64_t n_bootstrap;
-    double steps, b, b_variance;   /* done so far; of this round's bootstrap */
-    double deadline, chain_deadline;
+    double steps, b, b_variance, met_variance;   /* done so far; of this round's seeds; of those that were met */
+    double direct_deadline, deadline;
 } Round;
 
 /* The chains' light in a part of the film, a mean over its values: over finished rounds the sums of steps * it and of steps * it^2, and the
@@ -43,17 +52,22 @@ struct Render {
     const Scene *scene;
     const Settings *settings;
     size_t pixels;
-    Space chain_space, direct_space;
-    bool has_chain, has_direct;
+    Space chain_space, direct_space, joined_space;   /* of the chains; of the path tracer; of the bidirectional path tracer */
+    bool has_chain, has_direct;    /* any independent samples */
+    bool bidirectional;            /* some of them are */
+    bool pilot;                    /* what is done now teaches, and is thrown away */
     Sampler sampler;
     Bdpt *bdpt;
     Path *x, *y, *trail;           /* of a chain; of the path tracer */
     Passes passes;
+    Met met;
     /* chains: this round's splats, and over finished rounds the sum of steps * picture and of steps * picture^2 */
     Pixel *film;                   /* [pixels] */
+    float *picture;                /* [pixels] the pilot's, where no light of a few samples is left out */
     double *sum, *square;          /* [pixels][3] */
     double steps_sum, steps_square;/* over finished rounds: of steps, and of steps^2 */
     double b_sum, b_variance_sum;  /* over rounds: of steps * b, and of steps^2 * variance of b */
+    double met_variance_sum;       /* that part of it which does not come from bootstraps */
     Tile tile[TILES_ACROSS * TILES_ACROSS];
     Round round;
     uint64_t rounds, last_round;   /* begun so far; the number at which a run with a limit ends */
@@ -61,10 +75,11 @@ struct Render {
     double direct_share;           /* rays of direct light per ray of the chains */
     double start_share;            /* rays of the bootstrap per ray of the chains */
     double samples_per_step;       /* bootstrap samples that cost the rays of one step */
-    double seeds_per_sample;       /* worth a chain of their own, of the last bootstrap; 0 while unknown */
+    double rays_per_step;          /* of the chains */
+    double seeds;                  /* worth a chain of their own, in the last round; 0 while unknown */
     double tau;                    /* thresholds are so many times the picture; 0 while the integrand is whole */
-    double unlearned;              /* steps since run_learn */
-    double chain_error;            /* the chains' part of the estimated relMSE */
+    double learned;                /* rays before the last run_learn */
+    double whole_error, left;      /* of pilots: error times rays of the chains with the integrand whole; share of it that the first survey left to them */
     double relative_error;
     RenderStats stats;
     bool (*keep_going)(void *, const Render *);
@@ -83,8 +98,18 @@ void run_evenness(Render *render);
 void run_learn(Render *render);
 /* After an earlier run's state was read: lets a run whose rounds are all done have more. */
 void run_go_on(Render *render);
+/* The chains' part of the relMSE against the pilot's picture, but for what is due to too few met seeds; to be called before the film's thresholds change. */
+double run_chain_error(const Render *render);
 /* Divides the integrand at the thresholds: capped values to the path tracer, the rest to the chains. */
 void run_divide(Render *render);
+/* Of an indirect path that an independent sample is visiting, and that is not wholly the samples' own. */
+void run_meet(Render *render, const Candidate *candidate, Rng *rng);
+/* b of what was met, *variance its variance; 0 where nothing was. */
+double run_met(const Render *render, double *variance);
+/* Sets x to one of the seeds, 0 <= u < 1 evenly over their weights. */
+void run_met_seed(const Render *render, double u, Path *x);
+void run_forget_met(Render *render);
+
 /* Of a path that the path tracer is visiting, REACH_SEEN and not wholly of the space: brings what is left of it to the picture. False if memory runs out. */
 bool run_spread(Render *render, const Candidate *candidate, Rng *rng);
 /* Chooses the thresholds by what the pilot has left in them, the picture's own brightness, and the shares of work to begin with. */

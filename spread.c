@@ -59,7 +59,7 @@ bool run_spread(Render *r, const Candidate *c, Rng *rng)
     space.direct = DIRECT_ONLY;
     space.part = REST;
     double picture = (double)r->film[c->pixel].threshold / r->tau, rest = luminance(c->rgb) * (1 - c->share) * (double)r->film[c->pixel].weight;
-    double chains = fmin(STEPS * (1 - c->share) * c->traced / (picture * LENGTH), MOST_CHAINS);
+    double chains = fmin(STEPS * (1 - c->share) * c->value / (picture * LENGTH), MOST_CHAINS);
     Splats s = { .scale = rest / (chains * LENGTH) };
     int n = (int)(chains + rng_double(rng));
     if (n == 0) return true;

@@ -71,7 +71,7 @@ static uint64_t identity(const Scene *scene, const Settings *s)
     return h;
 }
 
-static const char MAGIC[] = "MLTRUN5\n";            /* the number changes with what is kept */
+static const char MAGIC[] = "MLTRUN6\n";            /* the number changes with what is kept */
 
 typedef struct {
     char magic[8];
@@ -109,6 +109,13 @@ static void pass_path(Stream *s, Path *x, const Mesh *mesh)
     }
 }
 
+/* What only a scene gives a meaning: seeds, and the path of the chain under way. */
+static void pass_paths(Stream *s, Render *r)
+{
+    for (int i = 0; i < SEEDS && s->ok && r->met.sum > 0; i++) pass_path(s, &r->met.seed[i], &r->scene->mesh);
+    if (s->ok && r->round.phase == CHAINS && r->round.left > 0) pass_path(s, r->x, &r->scene->mesh);
+}
+
 /* One list of all that is kept, for both directions. */
 static void pass_state(Stream *s, Render *r)
 {
@@ -118,19 +125,26 @@ static void pass_state(Stream *s, Render *r)
     pass_array(s, r->passes.direct, r->pixels * sizeof *r->passes.direct);
     pass_array(s, r->passes.count, r->scene->camera.height * sizeof *r->passes.count);
     pass_array(s, r->film, r->pixels * sizeof *r->film);
+    pass_array(s, r->picture, r->pixels * sizeof *r->picture);
     pass(s, &r->passes.rows, sizeof r->passes.rows);
     pass(s, &r->passes.rays, sizeof r->passes.rays);
     pass(s, &r->passes.evenness, sizeof r->passes.evenness);
     pass(s, r->scene->rays, sizeof *r->scene->rays);
     double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share,
-                          &r->samples_per_step, &r->seeds_per_sample, &r->relative_error, &r->unlearned, &r->tau, &r->passes.cut, &r->passes.cut_square };
+                          &r->samples_per_step, &r->seeds, &r->rays_per_step, &r->met_variance_sum, &r->relative_error, &r->learned,
+                          &r->tau, &r->whole_error, &r->left, &r->passes.cut, &r->passes.cut_square };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
     uint64_t divided = r->chain_space.part != WHOLE;
     pass(s, r->tile, sizeof r->tile);
     pass(s, &divided, sizeof divided);
+    pass(s, &r->bidirectional, sizeof r->bidirectional);
+    pass(s, &r->pilot, sizeof r->pilot);
     if (divided && !s->write) run_divide(r);
     pass(s, &r->sampler.tuning, sizeof r->sampler.tuning);
     pass(s, &r->round, sizeof r->round);
+    Path *seed = r->met.seed;
+    pass(s, &r->met, sizeof r->met);
+    r->met.seed = seed;
     pass(s, &r->rounds, sizeof r->rounds);
     pass(s, &r->last_round, sizeof r->last_round);
     pass(s, &r->stats, sizeof r->stats);
@@ -174,8 +188,7 @@ bool render_save(const Render *r, const char *path, Report *report)
         Header header = header_of(r);
         pass(&s, &header, sizeof header);
         pass_state(&s, (Render *)r);               /* reads only, when writing */
-        bool chain = r->round.phase == CHAINS && r->round.left > 0;
-        if (chain) pass_path(&s, r->x, &r->scene->mesh);
+        pass_paths(&s, (Render *)r);
         uint64_t sum;
         s.ok = s.ok && fflush(s.file) == 0 && file_sum(s.file, ftello(s.file), &sum) && fseeko(s.file, 0, SEEK_END) == 0;
         pass(&s, &sum, sizeof sum);
@@ -227,7 +240,7 @@ bool render_resume(Render *r, const char *path, Report *report)
     else {
         Stream s = { file, false, true };
         pass_state(&s, r);
-        if (s.ok && r->round.phase == CHAINS && r->round.left > 0) pass_path(&s, r->x, &r->scene->mesh);
+        pass_paths(&s, r);
         ok = (s.ok && at_sum(file)) || damaged(path, report);
         if (ok && r->has_chain) run_go_on(r);
     }

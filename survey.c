@@ -1,92 +1,138 @@
-/* Where to divide the integrand between path tracer and chains, from what the pilot has left. See render.c for why. */
+/* Where to divide the integrand between independent samples and chains, from what the pilot has left. See render.c for why. */
 #include "run.h"
-#include <string.h>
 
 enum {
-    CUTS = 19, FIRST_CUT = -8,     /* tau that are weighed: 2^-8 .. 2^10 times the picture's own value */
+    CUTS = 14, FIRST_CUT = -8,     /* tau that are weighed: 2^-8 .. 2^5 times the picture's own value */
     SURVEY = 4000,                 /* samples for that */
     DIRECT_MOST = 4,               /* times the picture's value: what a sample of direct light may count there */
-    SEEN_MOST = 16                 /* times the picture's value: threshold of lamps seen by way of specular vertices */
+    SEEN_MOST = 16,                /* times the picture's value: threshold of lamps seen by way of specular vertices */
+    DIRECT_RAYS = 2,               /* of a sample of direct light alone */
+    MOST_ERROR = 32                /* of a second pilot over that of the first: rare paths may dominate it, of which it has had less than its share */
 };
 
+/* What is capped is the path tracer's; or direct light is, and a bidirectional one has the rest of it. */
 void run_divide(Render *r)
 {
-    r->direct_space.direct = DIRECT_INCLUDED;
+    r->direct_space.direct = r->bidirectional ? DIRECT_ONLY : DIRECT_INCLUDED;
     r->direct_space.part = CAPPED;
     r->direct_space.seen = SEEN_MOST / r->tau;
+    r->direct_space.bidirectional = r->chain_space.bidirectional = r->bidirectional;
+    r->joined_space = r->direct_space;
+    r->joined_space.direct = DIRECT_EXCLUDED;
     r->chain_space.part = REST;
 }
 
-/* For each tau: the share of the picture that is left to the chains, and the second moment of the path tracer's capped estimate, both relative to
- * the picture and summed over samples. The moment twice: of samples of the path tracer ('one' collects one sample), which knows how paths of
- * one sample go together, and from bidirectional samples path by path, which knows what the path tracer finds too rarely. Direct light is bounded: a
- * lamp that fills little of a pixel may be missing from the pilot's picture, and one sample of it would decide. */
-typedef struct { const Pixel *film; double indirect, left[CUTS], expected_moment[CUTS], moment[CUTS], mean[CUTS], one[CUTS]; } Survey;
+/* What each tau would bring, summed over samples and relative to the picture: the light that is left to the chains, and mean and second moment of the
+ * capped estimate, of one sample in its own pixel and of each light path elsewhere. */
+typedef struct { double left[CUTS], mean[CUTS], moment[CUTS], own[CUTS]; } Capped;
+
+/* The path tracer's moment twice: of its own samples, which know how paths of one sample go together, and from bidirectional samples path by path,
+ * which know what the path tracer finds too rarely. Direct light is bounded: a lamp that fills little of a pixel may be missing from the pilot's picture, and
+ * one sample of it would decide. */
+typedef struct { const Pixel *film; const float *picture; double scale, indirect, expected_moment[CUTS]; Capped traced, direct, joined; } Survey;
+
+static double tau_of(int i) { return ldexp(1, FIRST_CUT + i); }
+static double kept(double value, double tau) { return value > tau ? tau / value : 1; }
 
 static void survey_candidate(void *context, const Candidate *c)
 {
     Survey *s = context;
-    double picture = (double)s->film[c->pixel].threshold, share = luminance(c->rgb) / picture, value = c->traced / picture;
-    if (!isfinite(share)) return;
-    bool direct = c->reach != REACH_INDIRECT;
-    if (direct) {
-        share = fmin(share, DIRECT_MOST);
-        value = fmin(value, DIRECT_MOST);
-    } else s->indirect += share;
-    double tau = ldexp(1, FIRST_CUT);
-    for (int i = 0; i < CUTS; i++, tau *= 2) {
-        double kept = direct || value <= tau ? 1 : tau / value;
-        s->left[i] += share * (1 - kept);
-        if (isfinite(kept * value)) s->expected_moment[i] += share * kept * kept * value;
+    double picture = (double)s->picture[c->pixel], to_tau = picture / (s->scale * (double)s->film[c->pixel].threshold);
+    double joined = luminance(c->rgb) / picture, traced = c->value / picture;
+    if (!isfinite(joined)) return;
+    bool direct = reach_is_direct(c->reach);
+    double share = direct ? fmin(joined, DIRECT_MOST) : joined;
+    if (direct) traced = fmin(traced, DIRECT_MOST);
+    else s->indirect += joined;
+    for (int i = 0; i < CUTS; i++) {
+        double tau = tau_of(i), k = direct ? 1 : kept(to_tau * traced, tau);
+        s->traced.left[i] += share * (1 - k);
+        if (isfinite(k * traced)) s->expected_moment[i] += share * k * k * traced;
+        if (direct) continue;
+        k = kept(to_tau * joined, tau);
+        s->joined.left[i] += joined * (1 - k);
+        if (c->n_lens > 1) s->joined.own[i] += k * joined;
+        else s->joined.moment[i] += k * joined * k * joined;
     }
 }
 
 static void survey_traced(void *context, const Candidate *c)
 {
     Survey *s = context;
-    double picture = (double)s->film[c->pixel].threshold, share = luminance(c->rgb) / picture, value = c->traced / picture;
+    double picture = (double)s->picture[c->pixel], to_tau = picture / (s->scale * (double)s->film[c->pixel].threshold);
+    double share = luminance(c->rgb) / picture, value = c->value / picture;
     if (!isfinite(share) || !(share > 0)) return;
-    bool direct = c->reach != REACH_INDIRECT;
+    bool direct = reach_is_direct(c->reach);
     if (direct) share = fmin(share, DIRECT_MOST);
-    double tau = ldexp(1, FIRST_CUT);
-    for (int i = 0; i < CUTS; i++, tau *= 2) s->one[i] += share * (direct || value <= tau ? 1 : tau / value);
+    for (int i = 0; i < CUTS; i++) {
+        s->traced.own[i] += share * (direct ? 1 : kept(to_tau * value, tau_of(i)));
+        if (direct) s->direct.own[i] += share;
+    }
 }
 
-/* Where to divide the integrand. Error times rays of the path tracer is its second moment, bounded by tau. That of the chains was measured by the
- * pilot, and goes with the square of the share of the picture that is left to them; bidirectional samples tell that share even where the path
- * tracer itself would find nothing for long. Spent in the best proportion, both together have (sqrt(a) + sqrt(b))^2. Scales the thresholds. */
+static void end_sample(Capped *c)
+{
+    for (int i = 0; i < CUTS; i++) {
+        c->moment[i] += c->own[i] * c->own[i];
+        c->mean[i] += c->own[i];
+        c->own[i] = 0;
+    }
+}
+
+/* Of what lands in one pixel; not less than a share of the moment, for so few samples know little of rare values. */
+static double variance(const Capped *c, int i, double moment)
+{
+    double mean = c->mean[i] / SURVEY;
+    return fmax(moment - mean * mean, 0.02 * moment);
+}
+
+/* Where to divide the integrand, and whose the easy part is. Error times rays of independent samples is their variance, of values bounded by tau, times the rays
+ * of one. That of the chains goes with a power of the share of the picture that is left to them: the square, says a first pilot on the whole integrand; but
+ * what is left is what is narrow and bright, and a second pilot, on what the first survey has left, tells how much dearer that is, up to the first
+ * power, where the error of what is left is that of the whole. Bidirectional samples tell that share even where the path tracer itself would find
+ * nothing for long. Spent in the best proportion, both together have (sqrt(a) + sqrt(b))^2. Scales the thresholds. */
 void run_survey(Render *r)
 {
     const Camera *camera = &r->scene->camera;
-    Survey s = { .film = r->film };
+    Survey s = { .film = r->film, .picture = r->picture, .scale = r->tau > 0 ? 1 / r->tau : 1 };
     Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED };
     Rng rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) - 1);
-    uint64_t *rays = r->scene->rays, before;
-    for (int i = 0; i < SURVEY; i++)
+    uint64_t *rays = r->scene->rays, before = *rays;
+    for (int i = 0; i < SURVEY; i++) {
         bdpt_sample(r->bdpt, &all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, &rng, survey_candidate, &s);
+        end_sample(&s.joined);
+    }
+    double joined_rays = (double)(*rays - before) / SURVEY;
     before = *rays;
     for (int i = 0; i < SURVEY; i++) {
         const Numbers numbers = numbers_random(&rng);
-        memset(s.one, 0, sizeof s.one);
         path_trace(&all, rng_index(&rng, camera->width), rng_index(&rng, camera->height), &numbers, &rng, r->trail, survey_traced, &s);
-        for (int k = 0; k < CUTS; k++) {
-            s.moment[k] += s.one[k] * s.one[k];
-            s.mean[k] += s.one[k] / SURVEY;
-        }
+        end_sample(&s.traced);
+        end_sample(&s.direct);
     }
-    double traced_rays = (double)(*rays - before) / SURVEY, best = INFINITY, tau = 1;
+    double traced_rays = (double)(*rays - before) / SURVEY, best = INFINITY, scale = r->tau > 0 ? r->tau : 1;
     /* A short pilot rather misses what is rare: its error is taken half as large again. */
-    double chain = sqrt(1.5 * r->chain_error * (double)(r->stats.chain_rays + r->stats.start_rays) / (double)r->pixels);
-    for (int i = 0; i < CUTS; i++) {
-        double moment = fmax(s.moment[i], s.expected_moment[i]) / SURVEY, variance = fmax(moment - s.mean[i] * s.mean[i], 0.02 * moment);
-        double path = sqrt(variance * traced_rays), rest = s.left[i] > 0 ? chain * s.left[i] / s.indirect : 0;
-        if (pow(path + rest, 2) < 0.98 * best) {   /* a higher cap has to promise something: so few samples know little of rare values */
+    double error = 1.5 * run_chain_error(r) * (double)(r->stats.chain_rays + r->stats.start_rays) / (double)r->pixels, power = 0;
+    if (r->tau == 0) r->whole_error = error;
+    else if (r->left > 0) {
+        power = fmin(fmax(log(error / (r->left * r->left) / r->whole_error) / fmax(-log(r->left), log(2)), 0), 1);
+        if (power == 1) r->whole_error = fmin(error / r->left, MOST_ERROR * r->whole_error);
+    }
+    for (int joined = 0; joined < 2; joined++)
+        for (int i = 0; i < CUTS; i++) {
+            double left = (joined ? s.joined : s.traced).left[i] / s.indirect, sampled;
+            if (joined)
+                sampled = (variance(&s.joined, i, s.joined.moment[i] / SURVEY) + variance(&s.direct, i, s.direct.moment[i] / SURVEY)) * (joined_rays + DIRECT_RAYS);
+            else sampled = variance(&s.traced, i, fmax(s.traced.moment[i], s.expected_moment[i]) / SURVEY) * traced_rays;
+            if (i > 0 && !(left > 0)) break;       /* so few samples cannot tell that nothing is left */
+            double path = sqrt(sampled), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
+            if (pow(path + rest, 2) >= 0.98 * best) continue;   /* a higher cap has to promise something */
             best = pow(path + rest, 2);
-            tau = ldexp(1, FIRST_CUT + i);
+            r->bidirectional = joined;
+            r->tau = tau_of(i);
+            r->left = left;
             r->direct_share = path / rest;
         }
-    }
-    r->tau = tau;
-    for (size_t i = 0; i < r->pixels; i++) r->film[i].threshold = (float)(tau * (double)r->film[i].threshold);
+    for (size_t i = 0; i < r->pixels; i++) r->film[i].threshold = (float)(r->tau / scale * (double)r->film[i].threshold);
     if (!(r->direct_share < 50)) r->direct_share = 50;
 }

@@ -44,6 +44,7 @@ typedef struct {
     bool split;                    /* it goes both ways here, this is one of them */
     bool branch;                   /* it has split off, and is for direct light alone */
     int edges, diffuse;            /* so far; non-specular vertices */
+    bool joined;                   /* an edge so far could be joined */
     Rgb throughput;
     double survived;               /* product of the chances of Russian roulette so far: path_traced_value leaves it out */
     double q;                      /* product of the modes' chances; for direct light it counts in the value, not in the density */
@@ -57,7 +58,8 @@ static Vertex *vertex(const Found *f, int edges) { return &f->trail->v[MAX_EDGES
 
 static void find(Found *f, const Walk *walk, Rgb rgb, int n_light, bool direct)
 {
-    Reach reach = !direct ? REACH_INDIRECT : n_light == 0 && walk->diffuse == 0 && walk->edges > 1 ? REACH_SEEN : REACH_DIRECT;
+    bool joined = n_light > 0 || walk->joined || walk->mode == MODE_NONE;    /* a light that is met could be joined to what is not specular */
+    Reach reach = direct ? joined ? REACH_DIRECT : REACH_SEEN : joined ? REACH_INDIRECT : REACH_UNJOINED;
     double value = luminance(rgb) * walk->survived;
     if (direct) {
         value *= walk->q;
@@ -66,7 +68,7 @@ static void find(Found *f, const Walk *walk, Rgb rgb, int n_light, bool direct)
     double share = space_share(f->space, f->pixel, value, reach);
     f->sum = along(f->sum, share, rgb);
     if (!f->visit) return;
-    Candidate c = { .n_light = n_light, .n_lens = walk->edges + 1, .pixel = f->pixel, .rgb = rgb, .traced = value, .share = share, .reach = reach };
+    Candidate c = { .n_light = n_light, .n_lens = walk->edges + 1, .pixel = f->pixel, .rgb = rgb, .value = value, .share = share, .reach = reach };
     f->visit(f->context, &c);
 }
 
@@ -133,6 +135,7 @@ static void walk_on(Found *f, Walk *walk)
         if (walk->edges == space->max_depth) return;
         walk->known = neg(walk->w);
         walk->split = false;
+        walk->joined |= !specular && walk->mode == MODE_NONE;
         if (!specular) {
             direct = walk->diffuse == 0;
             if (walk->branch && !roulette(walk, LEAF_LEAST, rng)) return;

@@ -6,6 +6,7 @@
  */
 #include "balance.h"
 #include "check.h"
+#include "folder.h"
 #include "run.h"
 #include "statistics.h"
 #include "test_faults.h"
@@ -277,13 +278,14 @@ static Group traced_group(const Space *space, int per_pixel)
 }
 
 /* What a bidirectional sample says of the path tracer's value of a path, against the path itself. */
-typedef struct { Bdpt *bdpt; const Space *space; Path *path; double worst; int n, short_ones; } Values;
+typedef struct { Bdpt *bdpt; const Space *space; Path *path; double worst, worst_joined; int n, short_ones; } Values;
 
 static void compare_value(void *context, const Candidate *c)
 {
     Values *v = context;
     if (!bdpt_path(v->bdpt, v->space, c->n_light, c->n_lens, v->path)) return;
-    v->worst = fmax(v->worst, fabs(c->traced / path_traced_value(v->path) - 1));
+    v->worst = fmax(v->worst, fabs(c->value / path_traced_value(v->path) - 1));
+    v->worst_joined = fmax(v->worst_joined, fabs(luminance(c->rgb) / path_bidirectional_value(v->path) - 1));
     v->n++;
     v->short_ones += v->path->k == 1;
 }
@@ -293,8 +295,9 @@ static void test_values(const Space *space)
     Values v = { .bdpt = bdpt_new(), .space = space, .path = malloc(sizeof(Path)) };
     Rng rng = rng_new(seed, 99);
     for (int i = 0; i < 5000; i++) bdpt_sample(v.bdpt, space, rng_double(&rng) * FILM, rng_double(&rng) * FILM, &rng, compare_value, &v);
-    printf("    value of a path to the path tracer, two ways, %d paths, %d of them of one edge: %.2g apart\n", v.n, v.short_ones, v.worst);
-    CHECK(v.n > 1000 && v.short_ones > 0 && v.worst < 1e-9);
+    printf("    value of a path to the path tracer, two ways, %d paths, %d of them of one edge: %.2g apart; to the bidirectional one: %.2g\n", v.n, v.short_ones,
+           v.worst, v.worst_joined);
+    CHECK(v.n > 1000 && v.short_ones > 0 && v.worst < 1e-9 && v.worst_joined < 1e-9);
     bdpt_free(v.bdpt);
     free(v.path);
 }
@@ -388,6 +391,105 @@ static void test_spread(void)
     scene_free(&scene);
 }
 
+/* What independent samples have met and left to the chains, as their seeds (run_meet): with it the parts make up the whole. */
+typedef struct { Render *render; Rng *rng; double factor; Rgb own; double *value; } Meeting;
+
+static void meet(void *context, const Candidate *c)
+{
+    Meeting *m = context;
+    Rgb kept = scale(c->share, c->rgb);
+    if (c->n_lens > 1) m->own = add(m->own, kept);
+    else add_pixel(m->value, c->pixel % FILM, c->pixel / FILM, kept, 1);
+    if (c->share == 1 || reach_is_direct(c->reach)) return;
+    Candidate changed = *c;
+    changed.rgb = scale(m->factor, c->rgb);
+    run_meet(m->render, &changed, m->rng);
+}
+
+/* left 1: as it ought to be; another is a fault: so many times what was cut off is left to the chains */
+static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidirectional, float threshold, double left)
+{
+    Group g = { .runs = RUNS };
+    const Settings settings = { .integrator = INTEGRATOR_MLT, .direct = LIGHT_APART, .max_depth = depth, .strategies = ~0u, .seed = seed };
+    enum { SEEDED = 400, STEPS = 100 };
+    for (int i = 0; i < RUNS; i++) {
+        Rng rng = rng_new(seed, ((uint64_t)i + 1) << 36);
+        Render *r = render_new(scene, &settings);
+        Bootstrap boot;
+        double samples = per_pixel * FILM * FILM, met, variance, chains = SEEDED * factor;
+        if (!CHECK(r != NULL)) return g;
+        for (int j = 0; j < FILM * FILM; j++) {
+            r->film[j].threshold = threshold * (float)(1 + j % 7);
+            r->film[j].weight = 1.0f / (float)(1 + j % 5);
+        }
+        r->tau = 1e-9;                             /* what is REACH_SEEN is not cut */
+        r->bidirectional = bidirectional;
+        run_divide(r);
+        Meeting m = { .render = r, .rng = &rng, .factor = left, .value = g.value[i] };
+        for (int n = 0; n < (int)samples; n++) {
+            uint32_t x = (uint32_t)n % FILM, y = (uint32_t)n / FILM % FILM;
+            const Numbers numbers = numbers_random(&rng);
+            m.own = vec3(0, 0, 0);
+            path_trace(&r->direct_space, x, y, &numbers, &rng, r->trail, meet, &m);
+            if (bidirectional) bdpt_sample(r->bdpt, &r->joined_space, x + rng_double(&rng), y + rng_double(&rng), &rng, meet, &m);
+            add_pixel(g.value[i], x, y, m.own, 1);
+        }
+        for (int v = 0; v < VALUES; v++) g.value[i][v] /= samples;
+        r->met.rows = samples / FILM;
+        met = run_met(r, &variance);
+        CHECK(bootstrap_run(&boot, &r->chain_space, r->bdpt, bidirectional ? 0 : (uint64_t)(4000 * factor), seed, (uint64_t)(i + 1) << 37));
+        Group chain = { .runs = RUNS };
+        ChainCount count = { 0 };
+        double b = boot.b + met, offset = rng_double(&rng);
+        for (uint64_t c = 0; c < (uint64_t)chains && b > 0; c++) {
+            double u = even(offset, c, 0) * b;
+            if (u >= boot.b) run_met_seed(r, (u - boot.b) / met, r->x);
+            else if (!bootstrap_seed(&boot, &r->chain_space, r->bdpt, u / boot.b, r->x)) continue;
+            chain_run(&r->chain_space, &r->sampler, r->x, r->y, STEPS, &rng, splat, chain.value[0], &count);
+        }
+        for (int v = 0; v < VALUES; v++) g.value[i][v] += chain.value[0][v] * b / (floor(chains) * STEPS);
+        CHECK(r->met.hits > 100 && met > 0 && count.bad == 0);
+        bootstrap_free(&boot);
+        render_free(r);
+    }
+    return g;
+}
+
+/* A basin full of water, a lamp over it: every path to its floor is L S+ D S+ E. */
+static const char basin_obj[] =
+    "mtllib basin.mtl\n"
+    "v -1 -1 -1\nv 1 -1 -1\nv 1 -1 1\nv -1 -1 1\nv -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\n"
+    "v -0.6 0.9 -0.6\nv 0.6 0.9 -0.6\nv 0.6 0.9 0.6\nv -0.6 0.9 0.6\n"
+    "usemtl wall\nf 4 3 2 1\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"
+    "usemtl water\nf 8 7 6 5\n"
+    "usemtl light\nf 9 10 11 12\n";
+static const char basin_mtl[] = "newmtl wall\nKd 0.6 0.6 0.6\nnewmtl water\nillum 4\nNi 1.33\nnewmtl light\nKd 0 0 0\nKe 5 4 3\n";
+static const char basin_cam[] = "eye 0 0.7 1.5\nlook 0 -0.6 0\nfov 60\n";
+
+static void test_met(void)
+{
+    folder_write_text("basin.obj", basin_obj);
+    folder_write_text("basin.mtl", basin_mtl);
+    folder_write_text("basin.cam", basin_cam);
+    const struct { const char *name, *file; int per_pixel; bool bidirectional; float threshold; } list[] = {
+        { "the floor under water, seeds from the path tracer", folder_path("basin.obj"), 60, false, 0.05f },
+        { "the floor under water, all seeds from bidirectional samples", folder_path("basin.obj"), 60, true, 0.05f },
+        { "scenes/cornell.obj, all seeds from bidirectional samples", "scenes/cornell.obj", 120, true, 0.005f },
+    };
+    for (size_t i = 0; i < sizeof list / sizeof list[0]; i++) {
+        Scene scene;
+        int depth = 7, n = (int)(list[i].per_pixel * factor);
+        if (!load(&scene, list[i].file)) continue;
+        printf("%s\n", list[i].name);
+        Space whole = { .scene = &scene, .max_depth = depth, .direct = DIRECT_INCLUDED };
+        Group path = traced_group(&whole, 4 * n), both = met_group(&scene, depth, n, list[i].bidirectional, list[i].threshold, 1);
+        Group much = met_group(&scene, depth, n, list[i].bidirectional, list[i].threshold, 1.5);
+        agree("path, capped + chains from what was met", &path, &both, BY_TILES);
+        disagree("half as much again is left to the chains", &path, &much, BY_TILES);
+        scene_free(&scene);
+    }
+}
+
 /* ---- the furnace ---- */
 
 static void test_furnace(void)
@@ -462,6 +564,7 @@ int main(int argc, char **argv)
     test_precisely();
     test_divided();
     test_spread();
+    test_met();
     test_furnace();
     test_found();
     printf("%d comparisons\n", comparisons);

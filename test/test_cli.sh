@@ -553,7 +553,7 @@ check 'a run that had reached its error goes on' test "$(value mutations out/aft
 sleep 2
 kill -TERM $!
 wait $!
-expect 0 "$shipped/caustic.obj" -t 3 -s 32x32 --resume out/saved --stats out/after
+expect 0 "$shipped/caustic.obj" -t 5 -s 32x32 --resume out/saved --stats out/after
 check 'chains get their part of a resumed run' test "$(value seconds_chain out/after | cut -d. -f1)" -gt 1
 sweep
 

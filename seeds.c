@@ -1,0 +1,52 @@
+/* Seeds of chains from independent samples.
+ *
+ * A sample of the path tracer or the bidirectional one that is worth more than its threshold keeps that much, and what is left is, over its density, a sample
+ * of f*: as good a seed as any of a bootstrap. Paths that cannot be joined anywhere, L S+ D S+ E, are found by a walk that meets the lamp by itself
+ * and by nothing else. A bootstrap has no better way than the path tracer has, and a small part of its samples: it finds none, or one that scales a whole round.
+ * So the chains' seeds of such paths are those that the independent samples of the round have met; and all others too, where these are
+ * bidirectional and no bootstrap was asked for. Each round has its own, so that the spread between rounds still tells the error.
+ */
+#include "run.h"
+#include <math.h>
+
+static bool wanted(const Render *r, const Candidate *c)
+{
+    return c->share < 1 && (c->reach == REACH_UNJOINED || (r->bidirectional && r->settings->bootstrap == 0));
+}
+
+/* Draws with replacement: each seed gives way to the new path with the chance of its weight among all so far. What is not replaced is skipped over. */
+void run_meet(Render *r, const Candidate *c, Rng *rng)
+{
+    Met *m = &r->met;
+    double light = luminance(c->rgb) * (1 - c->share), weight = light * (double)r->film[c->pixel].weight;
+    if (!wanted(r, c) || !(weight > 0)) return;
+    if (!isfinite(weight)) { r->stats.bad_samples++; return; }
+    m->hits++;
+    m->sum += weight;
+    m->square += weight * weight;
+    PathClass class = c->reach == REACH_UNJOINED ? CLASS_CAUSTIC_SEEN : bdpt_class(r->bdpt, c);
+    m->found[class].hits++;
+    m->found[class].weight += light;
+    m->found[class].square += light * light;
+    double log_kept = log1p(-weight / m->sum);
+    for (double i = floor(log(1 - rng_double(rng)) / log_kept); i < SEEDS; i += 1 + floor(log(1 - rng_double(rng)) / log_kept)) {
+        bool found = r->bidirectional ? bdpt_path(r->bdpt, &r->chain_space, c->n_light, c->n_lens, r->x)
+                                      : path_trailed(&r->chain_space, r->trail, c->n_lens, r->x);
+        if (found && r->x->chi > 0) path_copy(&m->seed[(int)i], r->x);
+    }
+}
+
+double run_met(const Render *r, double *variance)
+{
+    double n = r->met.rows * r->scene->camera.width, b = n > 0 ? r->met.sum / n : 0;
+    *variance = n > 1 ? fmax(0, r->met.square / n - b * b) / (n - 1) : 0;
+    return b;
+}
+
+void run_met_seed(const Render *r, double u, Path *x)
+{
+    int i = (int)(u * SEEDS);
+    path_copy(x, &r->met.seed[i < 0 ? 0 : i < SEEDS ? i : SEEDS - 1]);
+}
+
+void run_forget_met(Render *r) { r->met = (Met){ .seed = r->met.seed }; }
