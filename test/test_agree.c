@@ -483,9 +483,9 @@ static void test_met(void)
         printf("%s\n", list[i].name);
         Space whole = { .scene = &scene, .max_depth = depth, .direct = DIRECT_INCLUDED };
         Group path = traced_group(&whole, 4 * n), both = met_group(&scene, depth, n, list[i].bidirectional, list[i].threshold, 1);
-        Group much = met_group(&scene, depth, n, list[i].bidirectional, list[i].threshold, 1.5);
+        Group much = met_group(&scene, depth, n, list[i].bidirectional, list[i].threshold, 2);
         agree("path, capped + chains from what was met", &path, &both, BY_TILES);
-        disagree("half as much again is left to the chains", &path, &much, BY_TILES);
+        disagree("twice as much is left to the chains", &path, &much, BY_TILES);
         scene_free(&scene);
     }
 }
