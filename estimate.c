@@ -335,7 +335,7 @@ void run_learn(Render *r)
             /* what the uncertain b alone contributes, of the seeds that samples have met and of bootstraps */
             double per_variance = chain_energy / (r->b_sum * r->b_sum), by_met = r->met_variance_sum * per_variance, by_b = r->b_variance_sum * per_variance - by_met;
             double others = fmax(chain - by_met, 0.1 * chain);
-            if (r->has_direct) r->direct_share = best_share(sampled + by_met, r->passes.rays, others, chain_rays, r->settings->seconds > 0 ? 50 : 4);
+            if (r->has_direct) r->direct_share = best_share(sampled + by_met, r->passes.rays, others, chain_rays, run_most_share(r));
             r->start_share = best_share(by_b, r->stats.start_rays, fmax(chain - by_b, 0.1 * chain), r->stats.chain_rays, 2);
         }
         learn_agreement(r, mean);
@@ -364,6 +364,10 @@ void render_image(const Render *r, Image *image)
 {
     Estimator all = estimator(r);
     float *rgb = image->rgb;
+    if (r->early) {                            /* since it is divided, too little has been done to make up the integrand */
+        memcpy(rgb, r->early->rgb, 3 * r->pixels * sizeof *rgb);
+        return;
+    }
     for (uint32_t y = 0; y < image->height; y++)
         for (uint32_t x = 0; x < image->width; x++) {
             Estimate e = estimate(&all, x, y);
@@ -378,6 +382,6 @@ void render_error_image(const Render *r, Image *image)
     for (uint32_t y = 0; y < image->height; y++)
         for (uint32_t x = 0; x < image->width; x++) {
             Estimate e = estimate(&all, x, y);
-            for (int i = 0; i < 3; i++) *rgb++ = (float)sqrt(e.sampled_variance[i] + e.chain_variance[i]);
+            for (int i = 0; i < 3; i++) *rgb++ = r->early ? 0 : (float)sqrt(e.sampled_variance[i] + e.chain_variance[i]);
         }
 }

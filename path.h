@@ -50,7 +50,7 @@ typedef enum { DIRECT_INCLUDED, DIRECT_EXCLUDED, DIRECT_ONLY } DirectClass;
 /* What belongs to a pixel, in one line of memory: a chain meets pixels in no order, and each is a cache miss. */
 typedef struct {
     float weight;                  /* w of the two-stage target */
-    float threshold;               /* the largest luminance that a path tracer's estimate from one path may have, where f is divided */
+    float threshold;               /* the largest luminance that an independent sample of one path may have, where f is divided */
     double sum[3];                 /* recorded by the chains; not for the space */
 } Pixel;
 
@@ -102,7 +102,7 @@ bool path_edge(Path *path, int i);
  * False if nothing passes. */
 bool path_scatter(const Space *space, Path *path, int i);
 
-/* Computes colour, share and chi; chi = 0 where the path is not in the space (too long, of the excluded class, or left to the path tracer). */
+/* Computes colour, share and chi; chi = 0 where the path is not in the space (too long, of the excluded class, or left to independent samples). */
 void path_finish(const Space *space, Path *path);
 
 /* All caches from the points and modes alone: what path_edge, path_scatter and path_finish hold. Visibility is not tested. */

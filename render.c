@@ -23,6 +23,7 @@ enum {
     ROUNDS = 16,                   /* that make the picture */
     PILOT_STEPS = 8,               /* mutations per pixel that a pilot round needs at most */
     LEARN_RAYS = 4,                /* per pixel after which it pays to learn again: that costs as much as some 0.2 */
+    ROW_SHARE = 64,                /* of the film's rows are sampled in a round at least */
     SLICE = 16384,                 /* steps between two looks at the clock */
     STREAM_BITS = 40               /* of a random stream's number, below the round's */
 };
@@ -48,7 +49,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
         r->has_direct = settings->direct == LIGHT_ONLY || settings->direct == LIGHT_APART;
         r->direct_space.direct = DIRECT_ONLY;
         if (settings->direct == LIGHT_APART) r->chain_space.direct = DIRECT_EXCLUDED;
-        r->pilot = true;
+        r->pilot = r->has_chain;
     } else r->has_direct = true;
     r->bidirectional = settings->integrator == INTEGRATOR_BDPT;
     size_t doubles = 3 * r->pixels;
@@ -81,6 +82,7 @@ void render_free(Render *r)
 {
     if (!r) return;
     bdpt_free(r->bdpt);
+    image_free(r->early);
     Passes *p = &r->passes;
     void *owned[] = { r->x, r->y, r->trail, p->sum, p->square, p->direct, p->earlier, p->count, p->light, p->light_square,
                       r->film, r->picture, r->met.seed, r->sum, r->square, r };
@@ -164,6 +166,7 @@ static bool sample_row(Render *r)
         if (r->settings->integrator != INTEGRATOR_BDPT)
             s.own = path_trace(&r->direct_space, column, row, &even_ones.named, &rng, r->trail, visit_traced, &s);
         if (r->bidirectional) bdpt_sample(r->bdpt, &r->joined_space, x, y, &rng, splat_candidate, &s);
+        run_end_sample(r);
         if (s.out_of_memory) return false;
         if (!finite3(s.own)) { r->stats.bad_samples++; continue; }
         p->cut += s.cut;
@@ -174,6 +177,7 @@ static bool sample_row(Render *r)
     p->rows++;
     p->count[row]++;
     r->met.rows++;
+    r->met.rays += (double)(*r->scene->rays - rays);
     p->rays += *r->scene->rays - rays;
     if (p->rows % height == 0) run_evenness(r);
     return true;
@@ -238,11 +242,10 @@ static double plan_time(const Render *r, Round *round)
 {
     double now = clock_now(), share = r->rounds < PILOTS ? 0.01 : 1 / ((double)r->last_round - (double)r->rounds);
     double time = (r->settings->start + r->settings->seconds - now) * share;
-    round->direct_deadline = round->deadline = now + time;
-    if (!r->has_direct) return time;
-    time /= 1 + r->direct_share;
-    round->direct_deadline -= time;
-    return time;
+    round->chain_seconds = r->has_direct ? time / (1 + r->direct_share) : time;
+    round->deadline = now + time;
+    round->direct_deadline = round->deadline - round->chain_seconds;
+    return round->chain_seconds;
 }
 
 /* How much the next round is to do, and until when; false if nothing is left. The first are pilots. */
@@ -296,8 +299,10 @@ static bool run_round(Render *r)
     if (!bootstrap_new(&boot, round->n_bootstrap, seed, stream)) return false;
     while (boot.done < boot.n) {
         bootstrap_sample(&boot, &r->chain_space, r->bdpt, SLICE);
-        if (boot.done == boot.n || going(r)) continue;
-        *rays = before;                        /* to be drawn anew */
+        uint64_t drawn = *rays;
+        if (boot.done == boot.n) continue;
+        *rays = before;                        /* should the run be saved or end here: to be drawn anew */
+        if (going(r)) { *rays = drawn; continue; }
         bootstrap_free(&boot);
         return true;
     }
@@ -326,7 +331,8 @@ static bool run_round(Render *r)
             double u = even(offset, (uint64_t)c, 0) * round->b;
             if (u >= boot.b && round->b > boot.b) run_met_seed(r, (u - boot.b) / (round->b - boot.b), r->x);
             else if (!bootstrap_seed(&boot, &r->chain_space, r->bdpt, u / boot.b, r->x)) {
-                round->steps = round->planned; /* nothing to be found: the round's picture is black */
+                double rest = r->settings->seconds > 0 ? ceil(r->rate * fmax(0, round->deadline - clock_now())) : INFINITY;
+                round->steps = fmin(round->planned, rest);     /* nothing to be found: the round's picture is black */
                 break;
             }
         }
@@ -411,6 +417,12 @@ static bool learn_from_pilot(Render *r)
     r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };
     if (r->rounds != PILOTS && !(r->has_direct && r->rounds == WHOLE_PILOTS)) return true;
     if (r->has_direct) {
+        if (r->rounds < PILOTS) {
+            Image *picture = image_new(r->scene->camera.width, r->scene->camera.height);
+            if (!picture) return false;
+            render_image(r, picture);
+            r->early = picture;
+        }
         run_survey(r);
         run_divide(r);
         if (r->rounds < PILOTS) r->direct_share = 1;
@@ -418,6 +430,8 @@ static bool learn_from_pilot(Render *r)
     forget_chains(r);
     r->pilot = r->rounds < PILOTS;
     if (!r->has_direct || r->pilot) return true;
+    image_free(r->early);
+    r->early = NULL;
     double *thrown_away[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square };
     for (int i = 0; i < 4; i++) memset(thrown_away[i], 0, bytes);
     memset(r->passes.direct, 0, r->pixels * sizeof *r->passes.direct);
@@ -433,7 +447,7 @@ static bool learn_from_pilot(Render *r)
 static double least_rows(const Render *r)
 {
     double height = r->scene->camera.height, rounds = (double)r->rounds, least = height * (rounds <= PILOTS ? 1 : fmin(2 * (rounds - PILOTS), 4));
-    return r->stats.b > 0 || rounds <= PILOTS ? least : fmax(least, r->settings->per_pixel / 4 * height * (rounds - PILOTS) / ROUNDS);
+    return r->stats.b > 0 || rounds <= PILOTS + 1 ? least : fmax(least, r->settings->per_pixel / 4 * height * (rounds - PILOTS) / ROUNDS);
 }
 
 /* An interruption leaves the round as it stands, to be gone on with. */
@@ -446,16 +460,18 @@ static bool run_chains(Render *r)
         if (r->round.phase == PLAN && (good_enough || !plan_round(r))) break;
         double start = clock_now();
         if (r->round.phase == DIRECT) {
-            bool timed = s->seconds > 0 && s->per_pixel == 0 && r->rounds > WHOLE_PILOTS;
+            bool planned = s->seconds > 0 && r->rounds > WHOLE_PILOTS, timed = planned && s->per_pixel == 0;
             /* the total may be less than planned where a run is resumed with less to do */
             double total = s->per_pixel > 0 ? s->per_pixel * (double)r->pixels : INFINITY;
-            double least = least_rows(r), rays = r->direct_share * r->rays_per_step * fmin(r->steps_sum + r->round.planned, total);
-            double deadline = timed ? r->round.direct_deadline : s->start + s->seconds;
+            double least = least_rows(r), rays = r->direct_share * r->rays_per_step * fmin(r->round.planned, total - r->steps_sum);
+            double deadline = planned ? r->round.direct_deadline : s->start + s->seconds;
             while (r->has_direct && going(r)) {
-                bool on = (timed || (double)r->passes.rows < least || (double)r->passes.rays < rays) && in_time(r, deadline);
-                if (!on && ROUNDS * r->met.rows >= (double)r->scene->camera.height) break;   /* no round is without a sample of all parts of the film */
+                bool on = (timed || (double)r->passes.rows < least || r->met.rays < rays) && in_time(r, deadline);
+                if (!on && ROW_SHARE * r->met.rows >= (double)r->scene->camera.height) break;   /* no round is without a sample of all parts of the film */
                 if (!sample_row(r)) return false;
             }
+            /* what that took longer is not the chains' loss */
+            if (planned) r->round.deadline = fmin(fmax(r->round.deadline, clock_now() + r->round.chain_seconds), s->start + s->seconds);
             r->stats.seconds_direct += clock_now() - start;
             if (!going(r)) break;
             r->round.phase = CHAINS;

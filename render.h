@@ -28,7 +28,7 @@ typedef struct {
     double relative_error;         /* sqrt of the estimated relMSE of the picture; NAN while unknown */
     uint64_t bad_samples;
     uint64_t bootstrap_samples, bootstrap_hits;
-    struct { uint64_t hits; double weight, square; } found[CLASSES];   /* bootstrap samples that found such paths; sums of their light and its squares */
+    struct { uint64_t hits; double weight, square; } found[CLASSES];   /* samples that found such paths, for seeds; sums of their light and its squares */
     double tau;                    /* independent samples are worth so many times the picture at most; 0 while the integrand is whole */
     bool bidirectional;            /* those of indirect light are a bidirectional path tracer's */
     double chain_part;             /* of the picture's light, what the chains bring */

@@ -23,12 +23,13 @@ typedef struct {
     uint64_t rays;
 } Passes;
 
-/* Paths that the independent samples of this round have met and, by their values, left to the chains, and that no bootstrap looks for: sums of their weights
- * f*, and of squares, over the density of one sample; and of their light by classes. */
+/* Paths that the independent samples of this round have met and, by their values, left to the chains, and that no bootstrap looks for: sums over samples
+ * of their weights f* over the density of one sample, and of squares; and of their light by classes. */
 enum { SEEDS = 64 };
 typedef struct {
-    double rows, hits, sum, square;            /* rows of pixels sampled meanwhile */
-    struct { double hits, weight, square; } found[CLASSES];
+    double rows, rays;             /* rows of pixels sampled meanwhile */
+    double hits, sum, square, now; /* now: of the sample under way */
+    struct { double hits, weight, square, now; } found[CLASSES];
     Path *seed;                    /* [SEEDS], each drawn from all that were met in proportion to their weights */
 } Met;
 
@@ -40,7 +41,7 @@ typedef struct {
     Rng rng;                       /* of that chain */
     uint64_t n_bootstrap;
     double steps, b, b_variance, met_variance;   /* done so far; of this round's seeds; of those that were met */
-    double direct_deadline, deadline;
+    double direct_deadline, chain_seconds, deadline;
 } Round;
 
 /* The chains' light in a part of the film, a mean over its values: over finished rounds the sums of steps * it and of steps * it^2, and the
@@ -63,7 +64,8 @@ struct Render {
     Met met;
     /* chains: this round's splats, and over finished rounds the sum of steps * picture and of steps * picture^2 */
     Pixel *film;                   /* [pixels] */
-    float *picture;                /* [pixels] the pilot's, where no light of a few samples is left out */
+    float *picture;                /* [pixels] the pilot's brightness, where no light of a few samples is left out */
+    Image *early;                  /* the picture that the first pilot has made, while the second is under way; else NULL */
     double *sum, *square;          /* [pixels][3] */
     double steps_sum, steps_square;/* over finished rounds: of steps, and of steps^2 */
     double b_sum, b_variance_sum;  /* over rounds: of steps * b, and of steps^2 * variance of b */
@@ -100,10 +102,14 @@ void run_learn(Render *render);
 void run_go_on(Render *render);
 /* The chains' part of the relMSE against the pilot's picture, but for what is due to too few met seeds; to be called before the film's thresholds change. */
 double run_chain_error(const Render *render);
+/* Rays of independent samples per ray of the chains, at most: without a clock these are no measure of what the user asked for. */
+static inline double run_most_share(const Render *render) { return render->settings->seconds > 0 ? 50 : 4; }
 /* Divides the integrand at the thresholds: capped values to the path tracer, the rest to the chains. */
 void run_divide(Render *render);
 /* Of an indirect path that an independent sample is visiting, and that is not wholly the samples' own. */
 void run_meet(Render *render, const Candidate *candidate, Rng *rng);
+/* After each sample: what it has met belongs together. */
+void run_end_sample(Render *render);
 /* b of what was met, *variance its variance; 0 where nothing was. */
 double run_met(const Render *render, double *variance);
 /* Sets x to one of the seeds, 0 <= u < 1 evenly over their weights. */

@@ -14,6 +14,14 @@ static bool wanted(const Render *r, const Candidate *c)
     return c->share < 1 && (c->reach == REACH_UNJOINED || (r->bidirectional && r->settings->bootstrap == 0));
 }
 
+/* Sets Render.x to the path. False if it has no share in the chains' f*. */
+static bool evaluate(const Render *r, const Candidate *c)
+{
+    bool found = r->bidirectional ? bdpt_path(r->bdpt, &r->chain_space, c->n_light, c->n_lens, r->x)
+                                  : path_trailed(&r->chain_space, r->trail, c->n_lens, r->x);
+    return found && r->x->chi > 0;
+}
+
 /* Draws with replacement: each seed gives way to the new path with the chance of its weight among all so far. What is not replaced is skipped over. */
 void run_meet(Render *r, const Candidate *c, Rng *rng)
 {
@@ -21,18 +29,29 @@ void run_meet(Render *r, const Candidate *c, Rng *rng)
     double light = luminance(c->rgb) * (1 - c->share), weight = light * (double)r->film[c->pixel].weight;
     if (!wanted(r, c) || !(weight > 0)) return;
     if (!isfinite(weight)) { r->stats.bad_samples++; return; }
-    m->hits++;
+    if (m->sum == 0 && !evaluate(r, c)) return;        /* rounding at the threshold, or the film's edge: no seed to begin with */
     m->sum += weight;
-    m->square += weight * weight;
-    PathClass class = c->reach == REACH_UNJOINED ? CLASS_CAUSTIC_SEEN : bdpt_class(r->bdpt, c);
-    m->found[class].hits++;
-    m->found[class].weight += light;
-    m->found[class].square += light * light;
+    m->now += weight;
+    m->found[c->reach == REACH_UNJOINED ? CLASS_CAUSTIC_SEEN : bdpt_class(r->bdpt, c)].now += light;
     double log_kept = log1p(-weight / m->sum);
     for (double i = floor(log(1 - rng_double(rng)) / log_kept); i < SEEDS; i += 1 + floor(log(1 - rng_double(rng)) / log_kept)) {
-        bool found = r->bidirectional ? bdpt_path(r->bdpt, &r->chain_space, c->n_light, c->n_lens, r->x)
-                                      : path_trailed(&r->chain_space, r->trail, c->n_lens, r->x);
-        if (found && r->x->chi > 0) path_copy(&m->seed[(int)i], r->x);
+        if (evaluate(r, c)) path_copy(&m->seed[(int)i], r->x);
+    }
+}
+
+void run_end_sample(Render *r)
+{
+    Met *m = &r->met;
+    if (m->now == 0) return;
+    m->hits++;
+    m->square += m->now * m->now;
+    m->now = 0;
+    for (int i = 0; i < CLASSES; i++) {
+        double light = m->found[i].now;
+        m->found[i].hits += light > 0;
+        m->found[i].weight += light;
+        m->found[i].square += light * light;
+        m->found[i].now = 0;
     }
 }
 

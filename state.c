@@ -126,6 +126,10 @@ static void pass_state(Stream *s, Render *r)
     pass_array(s, r->passes.count, r->scene->camera.height * sizeof *r->passes.count);
     pass_array(s, r->film, r->pixels * sizeof *r->film);
     pass_array(s, r->picture, r->pixels * sizeof *r->picture);
+    bool early = r->early != NULL;
+    pass(s, &early, sizeof early);
+    if (!s->write && s->ok && early) s->ok = (r->early = image_new(r->scene->camera.width, r->scene->camera.height)) != NULL;
+    if (early && s->ok) pass(s, r->early->rgb, 3 * r->pixels * sizeof *r->early->rgb);
     pass(s, &r->passes.rows, sizeof r->passes.rows);
     pass(s, &r->passes.rays, sizeof r->passes.rays);
     pass(s, &r->passes.evenness, sizeof r->passes.evenness);
@@ -315,6 +319,8 @@ static bool add_whole(Render *to, const Render *run)
         }
         to->steps_sum = (first ? 0 : to->steps_sum) + weight;
         to->has_direct = false;
+        image_free(to->early);
+        to->early = NULL;
     }
     image_free(value);
     image_free(error);
@@ -379,6 +385,7 @@ Render *render_merge(const char *const *path, int n, Report *report)
         merged->steps_square += r->steps_square;
         merged->b_sum += r->b_sum;
         merged->b_variance_sum += r->b_variance_sum;
+        merged->met_variance_sum += r->met_variance_sum;
         render_merged_free(r);
     }
     free(seeds);

@@ -13,7 +13,7 @@ Cost stats_cost(const Settings *settings, const RenderStats *s)
     return (Cost){ chains, clock_now() - settings->start, 1024.0 * (double)usage.ru_maxrss, seconds > 0 ? n / seconds : NAN, n > 0 ? rays / n : NAN };
 }
 
-/* Of the light that the chains have, as the bootstrap samples found it. */
+/* Of the light that the chains have, as the samples found it that seeds are drawn from. */
 static double class_share(const RenderStats *s, int class)
 {
     double all = 0;
@@ -69,7 +69,7 @@ void stats_print(FILE *file, const char *name, const Scene *scene, const RenderS
     fprintf(file, "%s: %u triangles, %u of them lights; film %ux%u\n", name, (unsigned)scene->mesh.n_triangles, (unsigned)scene->n_lights,
             (unsigned)scene->camera.width, (unsigned)scene->camera.height);
     fprintf(file, "seconds: %.2f load, %.2f tree, %.2f start, %.2f %s, %.2f chains; %.2f in all; %.0f MB at most\n", scene->seconds_load, scene->seconds_build,
-            s->seconds_start, s->seconds_direct, cost->chains ? "direct light" : "samples", s->seconds_chain, cost->seconds_total, cost->peak_bytes / 1e6);
+            s->seconds_start, s->seconds_direct, "samples", s->seconds_chain, cost->seconds_total, cost->peak_bytes / 1e6);
     if (s->mutations == 0) return;
     fprintf(file, "%" PRIu64 " %s, %.3g a second, %.3g rays each; %" PRIu64 " rays\n", s->mutations, cost->chains ? "mutations" : "samples",
             cost->per_second, cost->rays_each, s->rays);
@@ -100,12 +100,12 @@ void stats_warn(const RenderStats *s, Report *report)
     for (int i = 0; i < CLASSES; i++) {
         double share = class_share(s, i) * s->chain_part;
         if (share > 0.05 && class_worth(s, i) < 50)
-            report_warning(report, NULL, 0, "%s: %.0f %% of the picture's light rest on some %.0f of %" PRIu64 " bootstrap samples: "
+            report_warning(report, NULL, 0, "%s: %.0f %% of the picture's light rest on some %.0f of %" PRIu64 " samples: "
                            "its brightness is not to be trusted", path_class_name[i], 100 * share, ceil(class_worth(s, i)), s->bootstrap_samples);
     }
     if (s->missed > 0.02)
-        report_warning(report, NULL, 0, "some %.0f %% of the light are missing, where the picture is too dark: the path tracer has met paths that the "
-                       "chains have not found; run longer (-t) or give more to the bootstrap (--bootstrap)", 100 * s->missed / (1 + s->missed));
+        report_warning(report, NULL, 0, "some %.0f %% of the light are missing, where the picture is too dark: independent samples have met paths that the "
+                       "chains have not found; run longer (-t)", 100 * s->missed / (1 + s->missed));
     double uncertain = s->b > 0 ? s->chain_part * s->b_stderr / s->b : 0;
     if (uncertain > 0.05)
         report_warning(report, NULL, 0, "the brightness of the chains' part, %.0f %% of the picture, is known to %.0f %% of it only: run longer (-t)",

@@ -7,6 +7,7 @@ enum {
     DIRECT_MOST = 4,               /* times the picture's value: what a sample of direct light may count there */
     SEEN_MOST = 16,                /* times the picture's value: threshold of lamps seen by way of specular vertices */
     DIRECT_RAYS = 2,               /* of a sample of direct light alone */
+    UNKNOWN_ERROR = 10,            /* error times rays of the chains where a pilot has been too short for any: what is usual */
     MOST_ERROR = 32                /* of a second pilot over that of the first: rare paths may dominate it, of which it has had less than its share */
 };
 
@@ -86,6 +87,14 @@ static double variance(const Capped *c, int i, double moment)
     return fmax(moment - mean * mean, 0.02 * moment);
 }
 
+/* Whether there is time for a pass of samples of so many rays, after which half of the run is left. */
+static bool pass_fits(const Render *r, double rays)
+{
+    if (r->settings->seconds == 0) return true;
+    double now = clock_now(), start = r->settings->start, rate = (double)*r->scene->rays / (now - start);
+    return rays * (double)r->pixels / rate < 0.5 * (start + r->settings->seconds - now);
+}
+
 /* Where to divide the integrand, and whose the easy part is. Error times rays of independent samples is their variance, of values bounded by tau, times the rays
  * of one. That of the chains goes with a power of the share of the picture that is left to them: the square, says a first pilot on the whole integrand; but
  * what is left is what is narrow and bright, and a second pilot, on what the first survey has left, tells how much dearer that is, up to the first
@@ -113,12 +122,12 @@ void run_survey(Render *r)
     double traced_rays = (double)(*rays - before) / SURVEY, best = INFINITY, scale = r->tau > 0 ? r->tau : 1;
     /* A short pilot rather misses what is rare: its error is taken half as large again. */
     double error = 1.5 * run_chain_error(r) * (double)(r->stats.chain_rays + r->stats.start_rays) / (double)r->pixels, power = 0;
-    if (r->tau == 0) r->whole_error = error;
-    else if (r->left > 0) {
+    if (r->tau == 0) r->whole_error = error > 0 ? error : UNKNOWN_ERROR;
+    else if (r->left > 0 && error > 0) {
         power = fmin(fmax(log(error / (r->left * r->left) / r->whole_error) / fmax(-log(r->left), log(2)), 0), 1);
         if (power == 1) r->whole_error = fmin(error / r->left, MOST_ERROR * r->whole_error);
     }
-    for (int joined = 0; joined < 2; joined++)
+    for (int joined = 0; joined <= pass_fits(r, joined_rays + DIRECT_RAYS); joined++)
         for (int i = 0; i < CUTS; i++) {
             double left = (joined ? s.joined : s.traced).left[i] / s.indirect, sampled;
             if (joined)
@@ -134,5 +143,5 @@ void run_survey(Render *r)
             r->direct_share = path / rest;
         }
     for (size_t i = 0; i < r->pixels; i++) r->film[i].threshold = (float)(r->tau / scale * (double)r->film[i].threshold);
-    if (!(r->direct_share < 50)) r->direct_share = 50;
+    if (!(r->direct_share < run_most_share(r))) r->direct_share = run_most_share(r);
 }

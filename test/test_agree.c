@@ -432,6 +432,7 @@ static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidire
             m.own = vec3(0, 0, 0);
             path_trace(&r->direct_space, x, y, &numbers, &rng, r->trail, meet, &m);
             if (bidirectional) bdpt_sample(r->bdpt, &r->joined_space, x + rng_double(&rng), y + rng_double(&rng), &rng, meet, &m);
+            run_end_sample(r);
             add_pixel(g.value[i], x, y, m.own, 1);
         }
         for (int v = 0; v < VALUES; v++) g.value[i][v] /= samples;

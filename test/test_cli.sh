@@ -646,7 +646,7 @@ check "an error estimated twice as large is noticed: median ratio $(ratio 1 4)" 
 expect 0 "$shipped/pool.obj" -s 80x60 -n 50 --stats out/stats -o out/a.pfm
 check 'a warning for light found by chance' grep -q '^mlt: warning: .* tiles got most of their light in one round' stderr
 check 'counted' between 1 15 "$(value tiles_disagreeing out/stats)"
-check 'a warning for the class of paths' grep -q '^mlt: warning: caustics seen through .* bootstrap samples' stderr
+check 'a warning for the class of paths' grep -q '^mlt: warning: caustics seen through .* samples' stderr
 
 # Of 16 samples hardly one finds it, but in some run the path tracer does, and leaves it to the chains.
 for seed in $(seq 40); do
