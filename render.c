@@ -71,7 +71,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     r->rate = 1e6;
     r->samples_rate = 1e4;
     r->samples_per_step = 0.2;
-    r->rays_per_step = 2;
+    r->rays_per_step = scene->n_lights > 0 ? 2 : 0;
     r->passes.evenness.a = 1;
     r->relative_error = NAN;
     r->last_round = PILOTS + ROUNDS;
@@ -348,7 +348,8 @@ static bool run_round(Render *r)
     double seconds = clock_now() - began;
     r->stats.seconds_chain += seconds;
     if (round->steps > steps_before && round->b > 0) r->rate = (round->steps - steps_before) / fmax(1e-6, seconds);
-    if (r->stats.chain_rays > 0) r->rays_per_step = (double)r->stats.chain_rays / (r->steps_sum + round->steps);
+    if (round->b == 0) r->rays_per_step = 0;
+    else if (r->stats.chain_rays > 0) r->rays_per_step = (double)r->stats.chain_rays / (r->steps_sum + round->steps);
     if (boot.n > 0 && r->stats.start_rays > 0) r->samples_per_step = r->rays_per_step * (double)r->stats.bootstrap_samples / (double)r->stats.start_rays;
     return true;
 }

@@ -77,7 +77,7 @@ struct Render {
     double direct_share;           /* rays of direct light per ray of the chains */
     double start_share;            /* rays of the bootstrap per ray of the chains */
     double samples_per_step;       /* bootstrap samples that cost the rays of one step */
-    double rays_per_step;          /* of the chains */
+    double rays_per_step;          /* of the chains; 0 where they have found nothing */
     double seeds;                  /* worth a chain of their own, in the last round; 0 while unknown */
     double tau;                    /* thresholds are so many times the picture; 0 while the integrand is whole */
     double learned;                /* rays before the last run_learn */
