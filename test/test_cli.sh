@@ -534,6 +534,7 @@ sleep 1
 kill -INT $!
 wait $!
 check 'much less than was begun' ends 30 room.obj -n 20 --resume out/saved
+check 'without light there is nothing to wait for' ends 30 dark.obj -n 20 -o out/dark.pfm
 check 'the clock before --bootstrap' ends 20 room.obj -t 1 --bootstrap 1e8
 "$mlt" room.obj -q -n 10 --bootstrap 1e8 &
 start=$(date +%s)
