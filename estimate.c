@@ -297,8 +297,8 @@ static double best_share(double error, uint64_t rays, double other_error, uint64
 /* After a round: the estimated relMSE, the shares of rays that direct light and bootstrap should have, and the two-stage weight. */
 void run_learn(Render *r)
 {
-    bool pilot = r->has_chain && r->chain_space.part == WHOLE;
-    float *local = malloc(2 * r->pixels * sizeof *local), *plain = local && pilot ? local + r->pixels : NULL;
+    bool pilot = r->pilot && r->has_direct && r->chain_space.part == WHOLE;    /* whose picture the survey needs */
+    float *local = malloc((pilot ? 2 : 1) * r->pixels * sizeof *local), *plain = local && pilot ? local + r->pixels : NULL;
     double mean, sampled = 0, chain = 0, chain_energy = 0;   /* the last three relative to the picture, summed over values */
     r->learned = (double)*r->scene->rays;
     if (!local || !typical_brightness(r, local, plain, &mean)) {    /* goes on with what it knew */

@@ -42,7 +42,6 @@ typedef struct {
  * alone, L S+ E. The second and the last cannot be joined anywhere: all that finds them is a walk that meets the light (or the lens) by itself. */
 typedef enum { REACH_INDIRECT, REACH_UNJOINED, REACH_DIRECT, REACH_SEEN } Reach;
 static inline bool reach_is_direct(Reach reach) { return reach >= REACH_DIRECT; }
-static inline bool reach_is_joined(Reach reach) { return reach == REACH_INDIRECT || reach == REACH_DIRECT; }
 
 /* Which paths count. */
 typedef enum { DIRECT_INCLUDED, DIRECT_EXCLUDED, DIRECT_ONLY } DirectClass;
@@ -67,7 +66,7 @@ typedef struct {
     const Pixel *film;             /* [pixels]; NULL for w = 1 and the WHOLE */
     Part part;
     double seen;                   /* REACH_SEEN has its threshold at so many times that of indirect light */
-    bool bidirectional;            /* indirect light is capped by its value to a bidirectional path tracer, not to a path tracer */
+    bool bidirectional;            /* indirect light is capped by its value to a bidirectional path tracer; the path tracer has direct light alone then */
 } Space;
 
 /* A path that an independent sample found, by joining n_light vertices grown from the light to n_lens grown from the lens

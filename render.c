@@ -350,7 +350,8 @@ static bool run_round(Render *r)
     if (round->steps > steps_before && round->b > 0) r->rate = (round->steps - steps_before) / fmax(1e-6, seconds);
     if (round->b == 0) r->rays_per_step = 0;
     else if (r->stats.chain_rays > 0) r->rays_per_step = (double)r->stats.chain_rays / (r->steps_sum + round->steps);
-    if (boot.n > 0 && r->stats.start_rays > 0) r->samples_per_step = r->rays_per_step * (double)r->stats.bootstrap_samples / (double)r->stats.start_rays;
+    if (boot.n > 0 && r->stats.start_rays > 0 && r->rays_per_step > 0)
+        r->samples_per_step = r->rays_per_step * (double)r->stats.bootstrap_samples / (double)r->stats.start_rays;
     return true;
 }
 

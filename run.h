@@ -74,7 +74,7 @@ struct Render {
     Round round;
     uint64_t rounds, last_round;   /* begun so far; the number at which a run with a limit ends */
     double rate, samples_rate;     /* steps and bootstrap samples per second; guesses before the pilot */
-    double direct_share;           /* rays of direct light per ray of the chains */
+    double direct_share;           /* rays of independent samples per ray of the chains */
     double start_share;            /* rays of the bootstrap per ray of the chains */
     double samples_per_step;       /* bootstrap samples that cost the rays of one step */
     double rays_per_step;          /* of the chains; 0 where they have found nothing */

@@ -88,7 +88,7 @@ while [ "$i" -lt "$kills" ]; do
     "$mlt" merge -v -o part.pfm state 2>said
     check "SIGKILL $i: the state can be read" test $? -eq 0
     done=$(sed -n 's/^1 runs, \([0-9]*\) .*/\1/p' said)
-    # the pilot's four hundredths are forgotten when it ends
+    # a pilot's rounds, a hundredth each, are forgotten
     if [ "$before" -gt $((256 * 256 * 40 / 24)) ]; then check "SIGKILL $i: $done mutations, $before before" test "${done:-0}" -ge "$before"; fi
     before=${done:-0}
     oldest=$(awk -v a="$oldest" -v b="${age:-0}" 'BEGIN { print (b > a ? b : a) }')

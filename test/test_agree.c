@@ -413,7 +413,7 @@ static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidire
     const Settings settings = { .integrator = INTEGRATOR_MLT, .direct = LIGHT_APART, .max_depth = depth, .strategies = ~0u, .seed = seed };
     enum { SEEDED = 400, STEPS = 100 };
     for (int i = 0; i < RUNS; i++) {
-        Rng rng = rng_new(seed, ((uint64_t)i + 1) << 36);
+        Rng rng = rng_new(seed + 1000, ((uint64_t)i + 1) << 36);       /* numbers that no other group has */
         Render *r = render_new(scene, &settings);
         Bootstrap boot;
         double samples = per_pixel * FILM * FILM, met, variance, chains = SEEDED * factor;
@@ -438,7 +438,7 @@ static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidire
         for (int v = 0; v < VALUES; v++) g.value[i][v] /= samples;
         r->met.rows = samples / FILM;
         met = run_met(r, &variance);
-        CHECK(bootstrap_run(&boot, &r->chain_space, r->bdpt, bidirectional ? 0 : (uint64_t)(4000 * factor), seed, (uint64_t)(i + 1) << 37));
+        CHECK(bootstrap_run(&boot, &r->chain_space, r->bdpt, bidirectional ? 0 : (uint64_t)(4000 * factor), seed + 2000, (uint64_t)(i + 1) << 36));
         Group chain = { .runs = RUNS };
         ChainCount count = { 0 };
         double b = boot.b + met, offset = rng_double(&rng);
