@@ -21,22 +21,27 @@ typedef struct {
     double per_closed_step, spread;/* variance of the chains' part: spread * (variance between finished rounds) */
 } Estimator;
 
-static Estimator estimator(const Render *r)
+/* While the integrand is whole, bidirectional samples and chains both find all indirect light: of what the former find so large a share is taken, the
+ * rest of the latter. */
+static Estimator estimator_of(const Render *r, double joined_share)
 {
     Estimator e = { .render = r };
-    double steps = r->steps_sum + r->round.steps;
-    if (r->passes.light && r->passes.rows > 0) e.light = (double)r->scene->camera.height / (double)r->passes.rows;
+    bool twice = run_on_whole(r);
+    double steps = r->steps_sum + r->round.steps, by_chains = twice ? 1 - joined_share : 1;
+    if (r->passes.light && r->passes.rows > 0) e.light = (twice ? joined_share * JOINED_STRIDE : 1) * (double)r->scene->camera.height / (double)r->passes.rows;
     if (r->has_chain && steps > 0) {
         double share = r->steps_sum > 0 ? r->steps_square / (r->steps_sum * r->steps_sum) : 1;
-        e.per_step = 1 / steps;
-        e.round = r->round.b * (double)r->pixels / steps;
+        e.per_step = by_chains / steps;
+        e.round = by_chains * r->round.b * (double)r->pixels / steps;
         if (share < 1) {
             e.per_closed_step = 1 / r->steps_sum;
-            e.spread = share / (1 - share) * (r->steps_sum / steps);
+            e.spread = by_chains * by_chains * share / (1 - share) * (r->steps_sum / steps);
         }
     }
     return e;
 }
+
+static Estimator estimator(const Render *r) { return estimator_of(r, 0.5); }
 
 static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
 {
@@ -154,7 +159,7 @@ static size_t block_size(const Render *r)
  * nearby values as lies above their standard errors. By a plain mean one firefly would starve its surroundings of chains and so beget
  * others. While chains have left little in a pixel, all that by blocks: a median over mostly empty pixels would be none. *mean receives that of
  * the picture. False if memory runs out. */
-static bool typical_brightness(const Render *r, float *out, float *plain, double *mean)
+static bool typical_brightness(const Render *r, const Estimator *all, float *out, float *plain, double *mean)
 {
     size_t width = r->scene->camera.width, height = r->scene->camera.height, block = block_size(r);
     size_t across = (width + block - 1) / block, down = (height + block - 1) / block, blocks = across * down;
@@ -162,10 +167,9 @@ static bool typical_brightness(const Render *r, float *out, float *plain, double
     bool ok = bright && safe && work;
     *mean = 0;
     if (ok) {
-        Estimator all = estimator(r);
         for (uint32_t y = 0; y < height; y++)
             for (uint32_t x = 0; x < width; x++) {
-                Estimate e = estimate(&all, x, y);
+                Estimate e = estimate(all, x, y);
                 size_t at = y / block * across + x / block;
                 double value = 0, error = 0;
                 for (int i = 0; i < 3; i++) {
@@ -294,14 +298,29 @@ static double best_share(double error, uint64_t rays, double other_error, uint64
     return share > 0.02 ? fmin(share, most) : 0.02;    /* NaN too */
 }
 
+/* Of a pilot on the whole integrand the brighter of what chains and bidirectional samples say: each may have missed what the other finds, and outliers
+ * are left out. 'plain' has room for another picture behind it, or is NULL. */
+static bool learn_brightness(const Render *r, float *local, float *plain, double *mean)
+{
+    Estimator by_chains = estimator_of(r, 0), by_samples = estimator_of(r, 1);
+    if (!typical_brightness(r, &by_chains, local, plain, mean)) return false;
+    if (!plain) return true;
+    float *other = plain + r->pixels;
+    double other_mean;
+    if (!typical_brightness(r, &by_samples, other, NULL, &other_mean)) return false;
+    for (size_t i = 0; i < r->pixels; i++) local[i] = larger_f(local[i], other[i]);
+    if (!(*mean > 0)) *mean = other_mean;
+    return true;
+}
+
 /* After a round: the estimated relMSE, the shares of rays that direct light and bootstrap should have, and the two-stage weight. */
 void run_learn(Render *r)
 {
-    bool pilot = r->pilot && r->has_direct && r->chain_space.part == WHOLE;    /* whose picture the survey needs */
-    float *local = malloc((pilot ? 2 : 1) * r->pixels * sizeof *local), *plain = local && pilot ? local + r->pixels : NULL;
+    bool pilot = run_on_whole(r);              /* whose picture the survey needs */
+    float *local = malloc((pilot ? 3 : 1) * r->pixels * sizeof *local), *plain = local && pilot ? local + r->pixels : NULL;
     double mean, sampled = 0, chain = 0, chain_energy = 0;   /* the last three relative to the picture, summed over values */
     r->learned = (double)*r->scene->rays;
-    if (!local || !typical_brightness(r, local, plain, &mean)) {    /* goes on with what it knew */
+    if (!local || !learn_brightness(r, local, plain, &mean)) {    /* goes on with what it knew */
         free(local);
         return;
     }
@@ -335,7 +354,7 @@ void run_learn(Render *r)
             /* what the uncertain b alone contributes, of the seeds that samples have met and of bootstraps */
             double per_variance = chain_energy / (r->b_sum * r->b_sum), by_met = r->met_variance_sum * per_variance, by_b = r->b_variance_sum * per_variance - by_met;
             double others = fmax(chain - by_met, 0.1 * chain);
-            if (r->has_direct) r->direct_share = best_share(sampled + by_met, r->passes.rays, others, chain_rays, run_most_share(r));
+            if (r->has_direct && !pilot) r->direct_share = best_share(sampled + by_met, r->passes.rays, others, chain_rays, run_most_share(r));
             r->start_share = best_share(by_b, r->stats.start_rays, fmax(chain - by_b, 0.1 * chain), r->stats.chain_rays, 2);
         }
         learn_agreement(r, mean);
@@ -345,7 +364,7 @@ void run_learn(Render *r)
 
 double run_chain_error(const Render *r)
 {
-    Estimator all = estimator(r);
+    Estimator all = estimator_of(r, 0);
     double relative_met = r->met_variance_sum / (r->b_sum * r->b_sum), sum = 0, by_met = 0;
     size_t pixel = 0;
     for (uint32_t y = 0; y < r->scene->camera.height; y++)

@@ -8,7 +8,7 @@
  * tau times the picture it keeps so much that the value is just that, and all of the others; the chains get the rest. The path tracer's values
  * are bounded then, and the chains need not visit what is easy. (To cap the values leaves the chains the least for a given second moment.) Where it is better
  * at it, a bidirectional path tracer takes the path tracer's place for indirect light. How much of a path is whose depends on the path and on thresholds
- * that a pilot has set, whose own picture is thrown away.
+ * that a pilot has set, whose own picture is thrown away. The pilot looks for indirect light twice, by chains and by bidirectional samples.
  *
  * Every round and every chain has its own random stream, so the state of a run is a few pictures and counters.
  */
@@ -21,7 +21,7 @@
 enum {
     WHOLE_PILOTS = 3, PILOTS = 6,  /* short rounds that teach, a hundredth of the work each, and are thrown away; while the integrand is whole, and all */
     ROUNDS = 16,                   /* that make the picture */
-    PILOT_STEPS = 8,               /* mutations per pixel that a pilot round needs at most */
+    PILOT_STEPS = 64,              /* mutations per pixel that a pilot round needs at most */
     LEARN_RAYS = 4,                /* per pixel after which it pays to learn again: that costs as much as some 0.2 */
     ROW_SHARE = 64,                /* of the film's rows are sampled in a round at least */
     SLICE = 16384,                 /* steps between two looks at the clock */
@@ -48,7 +48,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
         r->has_chain = settings->direct != LIGHT_ONLY;
         r->has_direct = settings->direct == LIGHT_ONLY || settings->direct == LIGHT_APART;
         r->direct_space.direct = DIRECT_ONLY;
-        if (settings->direct == LIGHT_APART) r->chain_space.direct = DIRECT_EXCLUDED;
+        if (settings->direct == LIGHT_APART) r->chain_space.direct = r->joined_space.direct = DIRECT_EXCLUDED;
         r->pilot = r->has_chain;
     } else r->has_direct = true;
     r->bidirectional = settings->integrator == INTEGRATOR_BDPT;
@@ -67,7 +67,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     for (size_t i = 0; r->has_chain && i < r->pixels; i++) r->film[i] = (Pixel){ .weight = 1 };
     r->chain_space.film = r->direct_space.film = r->joined_space.film = r->film;
     r->sampler = sampler_for(scene, settings->strategies);
-    r->direct_share = 0.2;
+    r->direct_share = 1;
     r->rate = 1e6;
     r->samples_rate = 1e4;
     r->samples_per_step = 0.2;
@@ -118,6 +118,13 @@ static void visit_traced(void *context, const Candidate *c)
     }
 }
 
+static void splat_light(Render *r, size_t pixel, Rgb rgb)
+{
+    double *light = r->passes.light + 3 * pixel, *square = r->passes.light_square + 3 * pixel;
+    const double v[3] = { rgb.x, rgb.y, rgb.z };
+    for (int i = 0; i < 3; i++) { light[i] += v[i]; square[i] += v[i] * v[i]; }
+}
+
 static void splat_candidate(void *context, const Candidate *c)
 {
     Splat *s = context;
@@ -128,9 +135,15 @@ static void splat_candidate(void *context, const Candidate *c)
         return;
     }
     if (c->share < 1) visit_traced(s, c);
-    double *light = s->r->passes.light + 3 * (size_t)c->pixel, *square = s->r->passes.light_square + 3 * (size_t)c->pixel;
-    const double v[3] = { c->share * c->rgb.x, c->share * c->rgb.y, c->share * c->rgb.z };
-    for (int i = 0; i < 3; i++) { light[i] += v[i]; square[i] += v[i] * v[i]; }
+    splat_light(s->r, c->pixel, scale(c->share, c->rgb));
+}
+
+/* On the whole integrand: indirect light from every fourth pixel, all of it apart from the path tracer's direct light. */
+static void sample_joined(Render *r, double x, double y, size_t pixel, Rng *rng)
+{
+    Splat s = { .r = r, .rng = rng };
+    bdpt_sample(r->bdpt, &r->joined_space, x, y, rng, splat_candidate, &s);
+    if (finite3(s.own)) splat_light(r, pixel, s.own);
 }
 
 /* Rows in an order in which some that follow each other are spread over the film, from a chance one on: each is as likely as any other to be in a round. */
@@ -165,6 +178,7 @@ static bool sample_row(Render *r)
         Splat s = { .r = r, .rng = &rng };
         if (r->settings->integrator != INTEGRATOR_BDPT)
             s.own = path_trace(&r->direct_space, column, row, &even_ones.named, &rng, r->trail, visit_traced, &s);
+        if (run_on_whole(r) && (column + p->rows) % JOINED_STRIDE == 0) sample_joined(r, x, y, pixel, &rng);
         if (r->bidirectional) bdpt_sample(r->bdpt, &r->joined_space, x, y, &rng, splat_candidate, &s);
         run_end_sample(r);
         if (s.out_of_memory) return false;

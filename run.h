@@ -11,6 +11,9 @@ typedef struct {
     double d[2];                   /* a measure of it at the last powers of two of passes */
 } Evenness;
 
+/* On the whole integrand one pixel of so many has a bidirectional sample. */
+enum { JOINED_STRIDE = 4 };
+
 /* Independent samples, row by row: sum and sum of squares of the samples of each pixel, and what light subpaths bring to any pixel. */
 typedef struct {
     double *sum, *square, *light, *light_square;   /* [pixels][3]; light only for bdpt, and for what run_spread moves */
@@ -102,6 +105,8 @@ void run_learn(Render *render);
 void run_go_on(Render *render);
 /* The chains' part of the relMSE against the pilot's picture, but for what is due to too few met seeds; to be called before the film's thresholds change. */
 double run_chain_error(const Render *render);
+/* Whether it is the whole integrand on which a pilot learns. */
+static inline bool run_on_whole(const Render *render) { return render->pilot && render->has_direct && render->chain_space.part == WHOLE; }
 /* Rays of independent samples per ray of the chains, at most: without a clock these are no measure of what the user asked for. */
 static inline double run_most_share(const Render *render) { return render->settings->seconds > 0 ? 50 : 4; }
 /* Divides the integrand at the thresholds: capped values to the path tracer, the rest to the chains. */

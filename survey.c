@@ -2,14 +2,17 @@
 #include "run.h"
 
 enum {
-    CUTS = 14, FIRST_CUT = -8,     /* tau that are weighed: 2^-8 .. 2^5 times the picture's own value */
-    SURVEY = 4000,                 /* samples for that */
+    CUTS = 18, FIRST_CUT = -8,     /* tau that are weighed: 2^-8 .. 2^9 times the picture's own value */
+    SURE_CUTS = 14,                /* .. 2^5 whatever the survey has seen above them */
+    LEAST_ABOVE = 32,              /* paths that it must have seen above a higher one */
+    SURVEY = 4000,                 /* samples for that, of each kind, at least */
     DIRECT_MOST = 4,               /* times the picture's value: what a sample of direct light may count there */
     SEEN_MOST = 16,                /* times the picture's value: threshold of lamps seen by way of specular vertices */
     DIRECT_RAYS = 2,               /* of a sample of direct light alone */
     UNKNOWN_ERROR = 10,            /* error times rays of the chains where a pilot has been too short for any: what is usual */
     MOST_ERROR = 32                /* of a second pilot over that of the first: rare paths may dominate it, of which it has had less than its share */
 };
+static const double SURVEY_SHARE = 0.15;   /* of the pilot's rays, for each kind, at least */
 
 /* What is capped is the path tracer's; or direct light is, and a bidirectional one has the rest of it. */
 void run_divide(Render *r)
@@ -24,8 +27,8 @@ void run_divide(Render *r)
 }
 
 /* What each tau would bring, summed over samples and relative to the picture: the light that is left to the chains, and mean and second moment of the
- * capped estimate, of one sample in its own pixel and of each light path elsewhere. */
-typedef struct { double left[CUTS], mean[CUTS], moment[CUTS], own[CUTS]; } Capped;
+ * capped estimate, of one sample in its own pixel and of each light path elsewhere; how many paths are above tau. */
+typedef struct { double left[CUTS], mean[CUTS], moment[CUTS], own[CUTS], above[CUTS]; } Capped;
 
 /* The path tracer's moment twice: of its own samples, which know how paths of one sample go together, and from bidirectional samples path by path,
  * which know what the path tracer finds too rarely. Direct light is bounded: a lamp that fills little of a pixel may be missing from the pilot's picture, and
@@ -48,10 +51,12 @@ static void survey_candidate(void *context, const Candidate *c)
     for (int i = 0; i < CUTS; i++) {
         double tau = tau_of(i), k = direct ? 1 : kept(to_tau * traced, tau);
         s->traced.left[i] += share * (1 - k);
+        s->traced.above[i] += k < 1;
         if (isfinite(k * traced)) s->expected_moment[i] += share * k * k * traced;
         if (direct) continue;
         k = kept(to_tau * joined, tau);
         s->joined.left[i] += joined * (1 - k);
+        s->joined.above[i] += k < 1;
         if (c->n_lens > 1) s->joined.own[i] += k * joined;
         else s->joined.moment[i] += k * joined * k * joined;
     }
@@ -81,9 +86,9 @@ static void end_sample(Capped *c)
 }
 
 /* Of what lands in one pixel; not less than a share of the moment, for so few samples know little of rare values. */
-static double variance(const Capped *c, int i, double moment)
+static double variance(const Capped *c, int i, double n, double moment)
 {
-    double mean = c->mean[i] / SURVEY;
+    double mean = c->mean[i] / n;
     return fmax(moment - mean * mean, 0.02 * moment);
 }
 
@@ -107,21 +112,22 @@ void run_survey(Render *r)
     Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED };
     Rng rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) - 1);
     uint64_t *rays = r->scene->rays, before = *rays;
-    for (int i = 0; i < SURVEY; i++) {
+    double chain_rays = (double)(r->stats.chain_rays + r->stats.start_rays), most = SURVEY_SHARE * (chain_rays + (double)r->passes.rays), n_joined = 0, n_traced = 0;
+    for (; n_joined < SURVEY || (double)(*rays - before) < most; n_joined++) {
         bdpt_sample(r->bdpt, &all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, &rng, survey_candidate, &s);
         end_sample(&s.joined);
     }
-    double joined_rays = (double)(*rays - before) / SURVEY;
+    double joined_rays = (double)(*rays - before) / n_joined;
     before = *rays;
-    for (int i = 0; i < SURVEY; i++) {
+    for (; n_traced < SURVEY || (double)(*rays - before) < most; n_traced++) {
         const Numbers numbers = numbers_random(&rng);
         path_trace(&all, rng_index(&rng, camera->width), rng_index(&rng, camera->height), &numbers, &rng, r->trail, survey_traced, &s);
         end_sample(&s.traced);
         end_sample(&s.direct);
     }
-    double traced_rays = (double)(*rays - before) / SURVEY, best = INFINITY, scale = r->tau > 0 ? r->tau : 1;
+    double traced_rays = (double)(*rays - before) / n_traced, best = INFINITY, scale = r->tau > 0 ? r->tau : 1;
     /* A short pilot rather misses what is rare: its error is taken half as large again. */
-    double error = 1.5 * run_chain_error(r) * (double)(r->stats.chain_rays + r->stats.start_rays) / (double)r->pixels, power = 0;
+    double error = 1.5 * run_chain_error(r) * chain_rays / (double)r->pixels, power = 0;
     if (r->tau == 0) r->whole_error = error > 0 ? error : UNKNOWN_ERROR;
     else if (r->left > 0 && error > 0) {
         power = fmin(fmax(log(error / (r->left * r->left) / r->whole_error) / fmax(-log(r->left), log(2)), 0), 1);
@@ -131,9 +137,11 @@ void run_survey(Render *r)
         for (int i = 0; i < CUTS; i++) {
             double left = (joined ? s.joined : s.traced).left[i] / s.indirect, sampled;
             if (joined)
-                sampled = (variance(&s.joined, i, s.joined.moment[i] / SURVEY) + variance(&s.direct, i, s.direct.moment[i] / SURVEY)) * (joined_rays + DIRECT_RAYS);
-            else sampled = variance(&s.traced, i, fmax(s.traced.moment[i], s.expected_moment[i]) / SURVEY) * traced_rays;
-            if (i > 0 && !(left > 0)) break;       /* so few samples cannot tell that nothing is left */
+                sampled = (variance(&s.joined, i, n_joined, s.joined.moment[i] / n_joined) + variance(&s.direct, i, n_traced, s.direct.moment[i] / n_traced))
+                    * (joined_rays + DIRECT_RAYS);
+            else sampled = variance(&s.traced, i, n_traced, fmax(s.traced.moment[i] / n_traced, s.expected_moment[i] / n_joined)) * traced_rays;
+            double above = (joined ? s.joined : s.traced).above[i];
+            if ((i > 0 && !(left > 0)) || (i >= SURE_CUTS && above < LEAST_ABOVE)) break;   /* so few samples cannot tell that nothing is left */
             double path = sqrt(sampled), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
             if (pow(path + rest, 2) >= 0.98 * best) continue;   /* a higher cap has to promise something */
             best = pow(path + rest, 2);
