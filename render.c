@@ -23,6 +23,7 @@ enum {
     ROUNDS = 16,                   /* that make the picture */
     PILOT_STEPS = 64,              /* mutations per pixel that a pilot round needs at most */
     LEARN_RAYS = 4,                /* per pixel after which it pays to learn again: that costs as much as some 0.2 */
+    LEAST_PASSES = 6,              /* of samples that a run with chains must have time for */
     ROW_SHARE = 64,                /* of the film's rows are sampled in a round at least */
     SLICE = 16384,                 /* steps between two looks at the clock */
     STREAM_BITS = 40               /* of a random stream's number, below the round's */
@@ -425,10 +426,43 @@ static void forget_chains(Render *r)
     r->stats.seconds_chain = r->stats.seconds_direct = 0;
 }
 
+static void forget_samples(Render *r)
+{
+    double *thrown_away[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square };
+    for (int i = 0; i < 4; i++) memset(thrown_away[i], 0, 3 * r->pixels * sizeof(double));
+    memset(r->passes.direct, 0, r->pixels * sizeof *r->passes.direct);
+    memset(r->passes.count, 0, r->scene->camera.height * sizeof *r->passes.count);
+    r->passes.rows = r->passes.rays = 0;
+    r->passes.evenness = (Evenness){ .a = 1 };
+    r->passes.cut = r->passes.cut_square = 0;
+}
+
+/* Whether a pass of samples, of which the pilot needs one and the picture two, is short beside the run. Some rows tell. False if memory runs out. */
+static bool time_for_pilot(Render *r, bool *enough)
+{
+    double start = clock_now(), seconds = r->settings->seconds, height = r->scene->camera.height;
+    while (r->passes.rows < height && r->passes.rows < 16 && clock_now() - start < 0.02 * seconds)
+        if (!sample_row(r)) return false;
+    double pass = (clock_now() - start) / (double)r->passes.rows * height;
+    *enough = pass < seconds / LEAST_PASSES;
+    return true;
+}
+
+/* Where there is no time for more: no cap, no pilot, and nothing for the chains. */
+static void trace_all(Render *r)
+{
+    forget_samples(r);
+    r->tau = INFINITY;
+    for (size_t i = 0; i < r->pixels; i++) r->film[i].threshold = INFINITY;
+    run_divide(r);
+    r->direct_share = run_most_share(r);
+    r->rounds = PILOTS;
+    r->pilot = false;
+}
+
 /* After a pilot round. False if memory runs out. */
 static bool learn_from_pilot(Render *r)
 {
-    size_t bytes = 3 * r->pixels * sizeof(double);
     sampler_tune(&r->sampler, r->scene, &r->stats.chain);
     r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };
     if (r->rounds != PILOTS && !(r->has_direct && r->rounds == WHOLE_PILOTS)) return true;
@@ -448,13 +482,7 @@ static bool learn_from_pilot(Render *r)
     if (!r->has_direct || r->pilot) return true;
     image_free(r->early);
     r->early = NULL;
-    double *thrown_away[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square };
-    for (int i = 0; i < 4; i++) memset(thrown_away[i], 0, bytes);
-    memset(r->passes.direct, 0, r->pixels * sizeof *r->passes.direct);
-    memset(r->passes.count, 0, r->scene->camera.height * sizeof *r->passes.count);
-    r->passes.rows = r->passes.rays = 0;
-    r->passes.evenness = (Evenness){ .a = 1 };
-    r->passes.cut = r->passes.cut_square = 0;
+    forget_samples(r);
     return one_pass(r);
 }
 
@@ -470,6 +498,9 @@ static double least_rows(const Render *r)
 static bool run_chains(Render *r)
 {
     const Settings *s = r->settings;
+    bool enough = true;
+    if (r->has_direct && r->pilot && s->seconds > 0 && r->passes.rows == 0 && !time_for_pilot(r, &enough)) return false;
+    if (!enough) trace_all(r);
     if (r->has_direct && !one_pass(r)) return false;
     while (going(r)) {
         bool good_enough = s->error > 0 && r->rounds > PILOTS + 3 && r->relative_error <= s->error;

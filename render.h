@@ -29,7 +29,8 @@ typedef struct {
     uint64_t bad_samples;
     uint64_t bootstrap_samples, bootstrap_hits;
     struct { uint64_t hits; double weight, square; } found[CLASSES];   /* samples that found such paths, for seeds; sums of their light and its squares */
-    double tau;                    /* independent samples are worth so many times the picture at most; 0 while the integrand is whole */
+    double tau;                    /* independent samples are worth so many times the picture at most; 0 while the integrand is whole, INFINITY if the run is
+                                      too short for chains */
     bool bidirectional;            /* those of indirect light are a bidirectional path tracer's */
     double chain_part;             /* of the picture's light, what the chains bring */
     /* Whether the rounds agree, tile by tile of the film; of finished rounds. */

@@ -14,7 +14,7 @@
 #include <stdlib.h>
 
 enum {
-    STEPS = 8,                     /* for each time that a sample is as bright as the picture */
+    STEPS = 4,                     /* for each time that a sample is as bright as the picture */
     LENGTH = 512,                  /* of a chain */
     MOST_CHAINS = 64               /* from one sample */
 };

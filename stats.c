@@ -76,7 +76,7 @@ void stats_print(FILE *file, const char *name, const Scene *scene, const RenderS
     if (cost->chains)
         fprintf(file, "b = %.6g +- %.2g from %" PRIu64 " samples, of which %" PRIu64 " found light; longest run of rejections %" PRIu64 "\n",
                 s->b, s->b_stderr, s->bootstrap_samples, s->bootstrap_hits, s->chain.longest_rejection);
-    if (cost->chains && s->tau > 0)
+    if (cost->chains && s->tau > 0 && isfinite(s->tau))
         fprintf(file, "%s samples keep up to %g times the picture's own value; the chains bring %.2g %% of the light\n",
                 s->bidirectional ? "bidirectional" : "path tracer's", s->tau, 100 * s->chain_part);
     if (s->tiles_disagreeing == 0 && isfinite(s->effective_samples))

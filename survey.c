@@ -12,14 +12,14 @@ enum {
     UNKNOWN_ERROR = 10,            /* error times rays of the chains where a pilot has been too short for any: what is usual */
     MOST_ERROR = 32                /* of a second pilot over that of the first: rare paths may dominate it, of which it has had less than its share */
 };
-static const double SURVEY_SHARE = 0.15;   /* of the pilot's rays, for each kind, at least */
+static const double SURVEY_SHARE = 0.3;    /* of the rays of the pilot's chains, for each kind, at least */
 
 /* What is capped is the path tracer's; or direct light is, and a bidirectional one has the rest of it. */
 void run_divide(Render *r)
 {
     r->direct_space.direct = r->bidirectional ? DIRECT_ONLY : DIRECT_INCLUDED;
     r->direct_space.part = CAPPED;
-    r->direct_space.seen = SEEN_MOST / r->tau;
+    r->direct_space.seen = isinf(r->tau) ? 1 : SEEN_MOST / r->tau;
     r->direct_space.bidirectional = r->chain_space.bidirectional = r->bidirectional;
     r->joined_space = r->direct_space;
     r->joined_space.direct = DIRECT_EXCLUDED;
@@ -92,12 +92,10 @@ static double variance(const Capped *c, int i, double n, double moment)
     return fmax(moment - mean * mean, 0.02 * moment);
 }
 
-/* Whether there is time for a pass of samples of so many rays, after which half of the run is left. */
-static bool pass_fits(const Render *r, double rays)
+/* Whether a pass of samples that take so many seconds each leaves most of the run's time. */
+static bool pass_fits(const Render *r, double seconds)
 {
-    if (r->settings->seconds == 0) return true;
-    double now = clock_now(), start = r->settings->start, rate = (double)*r->scene->rays / (now - start);
-    return rays * (double)r->pixels / rate < 0.5 * (start + r->settings->seconds - now);
+    return r->settings->seconds == 0 || seconds * (double)r->pixels < 0.25 * (r->settings->start + r->settings->seconds - clock_now());
 }
 
 /* Where to divide the integrand, and whose the easy part is. Error times rays of independent samples is their variance, of values bounded by tau, times the rays
@@ -112,12 +110,13 @@ void run_survey(Render *r)
     Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED };
     Rng rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) - 1);
     uint64_t *rays = r->scene->rays, before = *rays;
-    double chain_rays = (double)(r->stats.chain_rays + r->stats.start_rays), most = SURVEY_SHARE * (chain_rays + (double)r->passes.rays), n_joined = 0, n_traced = 0;
+    double chain_rays = (double)(r->stats.chain_rays + r->stats.start_rays), most = SURVEY_SHARE * chain_rays, n_joined = 0, n_traced = 0;
+    double began = clock_now();
     for (; n_joined < SURVEY || (double)(*rays - before) < most; n_joined++) {
         bdpt_sample(r->bdpt, &all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, &rng, survey_candidate, &s);
         end_sample(&s.joined);
     }
-    double joined_rays = (double)(*rays - before) / n_joined;
+    double joined_rays = (double)(*rays - before) / n_joined, joined_seconds = (clock_now() - began) / n_joined;
     before = *rays;
     for (; n_traced < SURVEY || (double)(*rays - before) < most; n_traced++) {
         const Numbers numbers = numbers_random(&rng);
@@ -133,7 +132,7 @@ void run_survey(Render *r)
         power = fmin(fmax(log(error / (r->left * r->left) / r->whole_error) / fmax(-log(r->left), log(2)), 0), 1);
         if (power == 1) r->whole_error = fmin(error / r->left, MOST_ERROR * r->whole_error);
     }
-    for (int joined = 0; joined <= pass_fits(r, joined_rays + DIRECT_RAYS); joined++)
+    for (int joined = 0; joined <= pass_fits(r, joined_seconds * (joined_rays + DIRECT_RAYS) / joined_rays); joined++)
         for (int i = 0; i < CUTS; i++) {
             double left = (joined ? s.joined : s.traced).left[i] / s.indirect, sampled;
             if (joined)
