@@ -92,10 +92,17 @@ static double variance(const Capped *c, int i, double n, double moment)
     return fmax(moment - mean * mean, 0.02 * moment);
 }
 
-/* Whether a pass of samples that take so many seconds each leaves most of the run's time. */
-static bool pass_fits(const Render *r, double seconds)
+/* The share of the time that is left which two passes of samples take, of so many seconds each: less there cannot be. */
+static double least_share(const Render *r, double seconds)
 {
-    return r->settings->seconds == 0 || seconds * (double)r->pixels < 0.25 * (r->settings->start + r->settings->seconds - clock_now());
+    double left = r->settings->start + r->settings->seconds - clock_now();
+    return r->settings->seconds == 0 ? 0 : left > 0 ? fmin(2 * seconds * (double)r->pixels / left, 0.9) : 0.9;
+}
+
+/* Error times rays of two kinds of work, of error times rays a^2 and b^2 each, in the best proportion of rays, but at least a share for the first. */
+static double together(double a, double b, double least)
+{
+    return a >= least * (a + b) ? (a + b) * (a + b) : a * a / least + b * b / (1 - least);
 }
 
 /* Where to divide the integrand, and whose the easy part is. Error times rays of independent samples is their variance, of values bounded by tau, times the rays
@@ -117,6 +124,7 @@ void run_survey(Render *r)
         end_sample(&s.joined);
     }
     double joined_rays = (double)(*rays - before) / n_joined, joined_seconds = (clock_now() - began) / n_joined;
+    began = clock_now();
     before = *rays;
     for (; n_traced < SURVEY || (double)(*rays - before) < most; n_traced++) {
         const Numbers numbers = numbers_random(&rng);
@@ -124,7 +132,7 @@ void run_survey(Render *r)
         end_sample(&s.traced);
         end_sample(&s.direct);
     }
-    double traced_rays = (double)(*rays - before) / n_traced, best = INFINITY, scale = r->tau > 0 ? r->tau : 1;
+    double traced_rays = (double)(*rays - before) / n_traced, traced_seconds = (clock_now() - began) / n_traced, best = INFINITY, scale = r->tau > 0 ? r->tau : 1;
     /* A short pilot rather misses what is rare: its error is taken half as large again. */
     double error = 1.5 * run_chain_error(r) * chain_rays / (double)r->pixels, power = 0;
     if (r->tau == 0) r->whole_error = error > 0 ? error : UNKNOWN_ERROR;
@@ -132,7 +140,8 @@ void run_survey(Render *r)
         power = fmin(fmax(log(error / (r->left * r->left) / r->whole_error) / fmax(-log(r->left), log(2)), 0), 1);
         if (power == 1) r->whole_error = fmin(error / r->left, MOST_ERROR * r->whole_error);
     }
-    for (int joined = 0; joined <= pass_fits(r, joined_seconds * (joined_rays + DIRECT_RAYS) / joined_rays); joined++)
+    const double least[2] = { least_share(r, traced_seconds), least_share(r, joined_seconds * (joined_rays + DIRECT_RAYS) / joined_rays) };
+    for (int joined = 0; joined < 2; joined++)
         for (int i = 0; i < CUTS; i++) {
             double left = (joined ? s.joined : s.traced).left[i] / s.indirect, sampled;
             if (joined)
@@ -142,8 +151,9 @@ void run_survey(Render *r)
             double above = (joined ? s.joined : s.traced).above[i];
             if ((i > 0 && !(left > 0)) || (i >= SURE_CUTS && above < LEAST_ABOVE)) break;   /* so few samples cannot tell that nothing is left */
             double path = sqrt(sampled), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
-            if (pow(path + rest, 2) >= 0.98 * best) continue;   /* a higher cap has to promise something */
-            best = pow(path + rest, 2);
+            double both = together(path, rest, least[joined]);
+            if (both >= 0.98 * best) continue;     /* a higher cap has to promise something */
+            best = both;
             r->bidirectional = joined;
             r->tau = tau_of(i);
             r->left = left;
