@@ -15,11 +15,13 @@ struct Bdpt {
     /* Prefix after light vertex t: 'sum' over joins at edges before t, 'grown' the density of having grown v[0..t] alone; all over f. */
     double sum[MAX_EDGES + 1], grown[MAX_EDGES + 1];
     double traced[MAX_EDGES + 1];              /* like sum, over the path tracer's techniques alone, without Russian roulette */
+    double light_survival[MAX_EDGES + 1];      /* of the path tracer's, product over light vertices 1 .. t */
     /* Suffix at lens vertex j: the whole sum is sum * alpha + grown * beta, both taken at that vertex. */
     double alpha[MAX_EDGES + 1], beta[MAX_EDGES + 1], plain[MAX_EDGES + 1];   /* plain: alpha without Russian roulette */
     Rgb light_colour[MAX_EDGES + 1], lens_colour[MAX_EDGES + 1];   /* products of colour up to and with this vertex */
     int lens_diffuse[MAX_EDGES + 1];           /* non-specular vertices among lens vertices 1..j */
     bool lens_joined[MAX_EDGES + 1];           /* whether any edge up to lens vertex j could be joined */
+    double lens_survival[MAX_EDGES + 1];       /* over lens vertices 3 .. j */
     double lens_q[MAX_EDGES + 1];              /* product of the modes' chances at them */
 };
 
@@ -46,6 +48,7 @@ static void trace_light(Bdpt *b, const Space *space, Rng *rng)
     p->v[0].s = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1 };
     b->sum[0] = 1 / emitted;
     b->traced[0] = b->sum[0];
+    b->light_survival[0] = 1;
     b->grown[0] = p->light_pdf_a;
     b->light_colour[0] = p->v[0].s.colour;
     b->n_light = 1;
@@ -61,6 +64,7 @@ static void trace_light(Bdpt *b, const Space *space, Rng *rng)
             b->grown[i] = b->grown[i - 1] * p->v[i - 1].s.inv_S_lens;
             b->light_colour[i] = mul(b->light_colour[i - 1], p->v[i].s.colour);
         }
+        b->light_survival[i + 1] = b->light_survival[i] * path_survival(&p->v[i + 1].point);
         b->n_light = i + 2;
     }
 }
@@ -75,7 +79,7 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
     b->beta[0] = 0;
     b->lens_colour[0] = vec3(1, 1, 1);
     b->lens_diffuse[0] = 0;
-    b->lens_q[0] = 1;
+    b->lens_q[0] = b->lens_survival[0] = b->lens_survival[1] = 1;
     b->lens_joined[0] = false;
     if (!path_look(space, p, x, y) || !path_scatter(space, p, p->k)) return false;
     b->n_lens = 2;
@@ -91,6 +95,7 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
         b->lens_diffuse[j] = b->lens_diffuse[j - 1] + (p->v[i].mode == MODE_NONE);
         b->lens_joined[j] = b->lens_joined[j - 1] || (p->v[i].mode == MODE_NONE && (j == 1 || p->v[i + 1].mode == MODE_NONE));
         b->lens_q[j] = b->lens_q[j - 1] * p->v[i].s.q;
+        b->lens_survival[j + 1] = b->lens_survival[j] * path_traced_survival(&p->v[i - 1].point, j + 1);
         b->n_lens = j + 2;
     }
     return true;
@@ -182,6 +187,8 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
         colour = mul(colour, b->lens_colour[n_lens - 2]);
     }
     if (n_light + n_lens == 2) traced = n_light == 0 ? at_lens.inv_F : b->traced[0];   /* a path tracer samples no light to the lens itself */
+    int k = n_light + n_lens - 1, last = n_light - 1 < k - 3 ? n_light - 1 : k - 3;     /* light vertex that is three edges from the lens, or more */
+    traced *= b->lens_survival[n_light == 0 ? k - 1 : n_lens - 1] * b->light_survival[last > 0 ? last : 0];
     c->pixel = (uint32_t)y * space->scene->camera.width + (uint32_t)x;
     c->reach = reach(b, n_light, n_lens);
     bool direct = reach_is_direct(c->reach);

@@ -98,6 +98,7 @@ static double traced_value(const Path *p, Reach reach)
 {
     double from_lens = path_inv_C(p, -1) * path_inv_S_light(p, 1) + (p->k > 1 ? path_inv_S_lens(p, -1) * path_inv_C(p, 0) : 0), q = 1;
     for (int i = 2; i <= p->k; i++) from_lens *= path_inv_S_light(p, i);
+    for (int i = 1; i < p->k; i++) from_lens *= path_traced_survival(&p->v[i].point, p->k - i);
     if (reach_is_direct(reach))
         for (int i = 1; i < p->k; i++) q *= p->v[i].s.q;
     return luminance(p->colour) * q / from_lens;

@@ -110,13 +110,15 @@ bool path_evaluate(const Space *space, Path *path);
 Reach path_reach(const Path *path);
 
 /* Luminance of f/p, p the density with which a path tracer finds the path: growing it from the lens until it meets the light by itself, or
- * joining x_1 to a sampled light point (the balance heuristic over both; Russian roulette apart). At glass it draws the mode, and p has the mode's
- * chance in it, but for direct light, for which it goes both ways. */
+ * joining x_1 to a sampled light point (the balance heuristic over both), Russian roulette included as far as the first of them meets it. At glass it draws
+ * the mode, and p has the mode's chance in it, but for direct light, for which it goes both ways. */
 double path_traced_value(const Path *path);
 /* The same of a bidirectional path tracer (bdpt.h), Russian roulette included. */
 double path_bidirectional_value(const Path *path);
 /* Its chance to go on from a point, a function of that alone so that every technique can tell it. */
 static inline double path_survival(const Point *point) { return bsdf_albedo(&point->surface); }
+/* The path tracer's chance, at a point so many edges from the lens. */
+static inline double path_traced_survival(const Point *point, int edges) { return edges < 3 ? 1 : path_survival(point); }
 /* How much of f the space holds of a path of this value in this pixel. */
 static inline double space_share(const Space *space, uint32_t pixel, double value, Reach reach)
 {

@@ -12,7 +12,7 @@ enum {
     UNKNOWN_ERROR = 10,            /* error times rays of the chains where a pilot has been too short for any: what is usual */
     MOST_ERROR = 32                /* of a second pilot over that of the first: rare paths may dominate it, of which it has had less than its share */
 };
-static const double SURVEY_SHARE = 0.3;    /* of the rays of the pilot's chains, for each kind, at least */
+static const double SURVEY_SHARE = 0.1;    /* of the rays of the pilot's chains, for each kind, at least */
 
 /* What is capped is the path tracer's; or direct light is, and a bidirectional one has the rest of it. */
 void run_divide(Render *r)

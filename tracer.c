@@ -46,7 +46,6 @@ typedef struct {
     int edges, diffuse;            /* so far; non-specular vertices */
     bool joined;                   /* an edge so far could be joined */
     Rgb throughput;
-    double survived;               /* product of the chances of Russian roulette so far: path_traced_value leaves it out */
     double q;                      /* product of the modes' chances; for direct light it counts in the value, not in the density */
     double chance;                 /* so much direct light counts: like q, but for roulette, and glass where the walk did not split */
 } Walk;
@@ -60,7 +59,8 @@ static void find(Found *f, const Walk *walk, Rgb rgb, int n_light, bool direct)
 {
     bool joined = n_light > 0 || walk->joined || walk->mode == MODE_NONE;    /* a light that is met could be joined to what is not specular */
     Reach reach = direct ? joined ? REACH_DIRECT : REACH_SEEN : joined ? REACH_INDIRECT : REACH_UNJOINED;
-    double value = luminance(rgb) * walk->survived;
+    double value = luminance(rgb);
+    if (n_light > 0) value /= path_traced_survival(&vertex(f, walk->edges)->point, walk->edges);    /* as if the walk had gone on to meet it */
     if (direct) {
         value *= walk->q;
         rgb = scale(walk->chance, rgb);
@@ -146,10 +146,9 @@ static void walk_on(Found *f, Walk *walk)
             walk->diffuse++;
         }
         if (only_direct && (walk->diffuse > 1 || (walk->diffuse == 1 && specular))) return;
-        double survive = walk->edges < 3 ? 1 : fmin(1, max3(walk->throughput));
+        double survive = path_traced_survival(&next->point, walk->edges);
         if (rng_double(rng) >= survive) return;
         walk->throughput = scale(1 / survive, walk->throughput);
-        walk->survived *= survive;
         double disk[2];
         bool first = !specular && walk->diffuse == 1, passes;
         if (first) disk_at(f->numbers->scatter, disk);
@@ -174,7 +173,7 @@ Rgb path_trace(const Space *space, uint32_t column, uint32_t row, const Numbers 
     double disk[2] = { 0, 0 };
     Found found = { .space = space, .pixel = row * camera->width + column, .numbers = numbers, .rng = rng, .trail = trail, .branches = BRANCHES, .visit = visit,
                     .context = context };
-    Walk walk = { .mode = MODE_NONE, .throughput = { 1, 1, 1 }, .survived = 1, .q = 1, .chance = 1 };
+    Walk walk = { .mode = MODE_NONE, .throughput = { 1, 1, 1 }, .q = 1, .chance = 1 };
     Point *lens = &vertex(&found, 0)->point;
     if (camera->aperture > 0) disk_at(numbers->lens, disk);
     camera_lens_at(camera, disk, lens);

@@ -302,6 +302,42 @@ static void test_values(const Space *space)
     free(v.path);
 }
 
+/* No sample of one path is worth more than the threshold, long paths and their roulette included. */
+typedef struct { const Space *space; double most; int above; } Bound;
+
+static void compare_bound(void *context, const Candidate *c)
+{
+    Bound *b = context;
+    if (reach_is_direct(c->reach)) return;
+    double worth = luminance(c->rgb), threshold = (double)b->space->film[c->pixel].threshold;
+    b->most = fmax(b->most, c->share * worth / threshold);
+    b->above += worth > threshold;
+}
+
+static void test_bound(const Space *capped)
+{
+    Space path = *capped, joined = *capped;
+    path.max_depth = joined.max_depth = 32;
+    joined.direct = DIRECT_EXCLUDED;
+    joined.bidirectional = true;
+    Bound by_path = { .space = &path }, by_both = { .space = &joined };
+    Bdpt *bdpt = bdpt_new();
+    Path *trail = malloc(sizeof *trail);
+    if (!bdpt || !trail) abort();
+    Rng rng = rng_new(seed, 98);
+    for (int i = 0; i < 40000; i++) {
+        const Numbers numbers = numbers_random(&rng);
+        path_trace(&path, (uint32_t)i % FILM, (uint32_t)i / FILM % FILM, &numbers, &rng, trail, compare_bound, &by_path);
+        bdpt_sample(bdpt, &joined, rng_double(&rng) * FILM, rng_double(&rng) * FILM, &rng, compare_bound, &by_both);
+    }
+    printf("    samples are worth at most %.15g and %.15g times the threshold, where %d and %d had been worth more\n", by_path.most, by_both.most, by_path.above,
+           by_both.above);
+    CHECK(by_path.above > 100 && by_both.above > 100 && by_path.most < 1 + 1e-9 && by_both.most < 1 + 1e-9);
+    CHECK(by_path.most > 1 - 1e-9 && by_both.most > 1 - 1e-9);
+    bdpt_free(bdpt);
+    free(trail);
+}
+
 /* The integrand divided at thresholds that have nothing to do with the picture: both parts make up the whole. */
 static void test_divided(void)
 {
@@ -317,6 +353,7 @@ static void test_divided(void)
     rest.part = REST;
     rest.direct = DIRECT_EXCLUDED;
     test_values(&whole);
+    test_bound(&capped);
     Sampler sampler = sampler_for(&scene, ~0u);
     uint64_t bootstrap = (uint64_t)(20000 * factor), chains = (uint64_t)(1000 * factor);
     Group path = traced_group(&whole, n), part = traced_group(&capped, n), chain = chain_group(&rest, &sampler, bootstrap, chains, 60, splat);
