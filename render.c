@@ -139,7 +139,7 @@ static void splat_candidate(void *context, const Candidate *c)
     splat_light(s->r, c->pixel, scale(c->share, c->rgb));
 }
 
-/* On the whole integrand: indirect light from every fourth pixel, all of it apart from the path tracer's direct light. */
+/* On the whole integrand: indirect light, from pixels drawn by chance (a pattern would be seen in the caps), all of it apart from the path tracer's. */
 static void sample_joined(Render *r, double x, double y, size_t pixel, Rng *rng)
 {
     Splat s = { .r = r, .rng = rng };
@@ -179,7 +179,7 @@ static bool sample_row(Render *r)
         Splat s = { .r = r, .rng = &rng };
         if (r->settings->integrator != INTEGRATOR_BDPT)
             s.own = path_trace(&r->direct_space, column, row, &even_ones.named, &rng, r->trail, visit_traced, &s);
-        if (run_on_whole(r) && (column + p->rows) % JOINED_STRIDE == 0) sample_joined(r, x, y, pixel, &rng);
+        if (run_on_whole(r) && rng_index(&rng, JOINED_STRIDE) == 0) sample_joined(r, x, y, pixel, &rng);
         if (r->bidirectional) bdpt_sample(r->bdpt, &r->joined_space, x, y, &rng, splat_candidate, &s);
         run_end_sample(r);
         if (s.out_of_memory) return false;
@@ -441,7 +441,7 @@ static void forget_samples(Render *r)
 static bool time_for_pilot(Render *r, bool *enough)
 {
     double start = clock_now(), seconds = r->settings->seconds, height = r->scene->camera.height;
-    while (r->passes.rows < height && r->passes.rows < 16 && clock_now() - start < 0.02 * seconds)
+    while (r->passes.rows < r->scene->camera.height && r->passes.rows < 16 && clock_now() - start < 0.02 * seconds)
         if (!sample_row(r)) return false;
     double pass = (clock_now() - start) / (double)r->passes.rows * height;
     *enough = pass < seconds / LEAST_PASSES;

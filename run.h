@@ -11,7 +11,7 @@ typedef struct {
     double d[2];                   /* a measure of it at the last powers of two of passes */
 } Evenness;
 
-/* On the whole integrand one pixel of so many has a bidirectional sample. */
+/* On the whole integrand one pixel of so many has a bidirectional sample in a pass. */
 enum { JOINED_STRIDE = 4 };
 
 /* Independent samples, row by row: sum and sum of squares of the samples of each pixel, and what light subpaths bring to any pixel. */

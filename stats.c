@@ -68,8 +68,8 @@ void stats_print(FILE *file, const char *name, const Scene *scene, const RenderS
 {
     fprintf(file, "%s: %u triangles, %u of them lights; film %ux%u\n", name, (unsigned)scene->mesh.n_triangles, (unsigned)scene->n_lights,
             (unsigned)scene->camera.width, (unsigned)scene->camera.height);
-    fprintf(file, "seconds: %.2f load, %.2f tree, %.2f start, %.2f %s, %.2f chains; %.2f in all; %.0f MB at most\n", scene->seconds_load, scene->seconds_build,
-            s->seconds_start, s->seconds_direct, "samples", s->seconds_chain, cost->seconds_total, cost->peak_bytes / 1e6);
+    fprintf(file, "seconds: %.2f load, %.2f tree, %.2f start, %.2f samples, %.2f chains; %.2f in all; %.0f MB at most\n", scene->seconds_load, scene->seconds_build,
+            s->seconds_start, s->seconds_direct, s->seconds_chain, cost->seconds_total, cost->peak_bytes / 1e6);
     if (s->mutations == 0) return;
     fprintf(file, "%" PRIu64 " %s, %.3g a second, %.3g rays each; %" PRIu64 " rays\n", s->mutations, cost->chains ? "mutations" : "samples",
             cost->per_second, cost->rays_each, s->rays);

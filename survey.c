@@ -157,7 +157,7 @@ void run_survey(Render *r)
             r->bidirectional = joined;
             r->tau = tau_of(i);
             r->left = left;
-            r->direct_share = path / rest;
+            r->direct_share = fmax(path / rest, least[joined] / (1 - least[joined]));
         }
     for (size_t i = 0; i < r->pixels; i++) r->film[i].threshold = (float)(r->tau / scale * (double)r->film[i].threshold);
     if (!(r->direct_share < run_most_share(r))) r->direct_share = run_most_share(r);
