@@ -50,7 +50,7 @@ static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
     size_t pixel = (size_t)y * r->scene->camera.width + x;
     Estimate e = { { 0 }, { 0 }, { 0 }, { 0 } };
     if (r->has_direct) {
-        double n = p->count[y], inv_n = n > 0 ? 1 / n : 0, rest = n > 1 ? 1 / (n - 1) : 0;
+        double n = run_samples(p, pixel, y, p->count[y]), inv_n = n > 0 ? 1 / n : 0, rest = n > 1 ? 1 / (n - 1) : 0;
         const double *sum = p->sum + 3 * pixel, *square = p->square + 3 * pixel;
         for (int i = 0; i < 3; i++) {
             e.value[i] = sum[i] * inv_n;
@@ -87,12 +87,16 @@ void run_evenness(Render *r)
     if ((passes & (passes - 1)) != 0) return;
     if (passes >= 4) {
         Evenness *e = &p->evenness;
-        double n = (double)passes, mean = 0, halves = 0, samples = 0;
-        for (size_t i = 0; i < values; i++) mean += p->sum[i] / (n * (double)values);
+        double mean = 0, halves = 0, samples = 0;
+        uint32_t width = r->scene->camera.width, all = (uint32_t)passes;
+        for (size_t i = 0; i < values; i++) mean += p->sum[i] / (run_samples(p, i / 3, (uint32_t)(i / 3 / width), all) * (double)values);
         e->floor = 0.01 * mean * mean;
         for (size_t i = 0; i < values; i++) {
-            double value = p->sum[i] / n, half = (2 * p->earlier[i] - p->sum[i]) / (2 * n), inverse = 1 / (value * value + e->floor);
-            double variance = larger(0, p->square[i] / n - value * value) / (n - 1);
+            uint32_t y = (uint32_t)(i / 3 / width);
+            double n = run_samples(p, i / 3, y, all), first = run_samples(p, i / 3, y, all / 2), second = n - first;
+            if (second == 0) continue;
+            double value = p->sum[i] / n, half = (p->earlier[i] / first - (p->sum[i] - p->earlier[i]) / second) / 4, inverse = 1 / (value * value + e->floor);
+            double variance = larger(0, p->square[i] / n - value * value) / (n - 1) * (n * n / (4 * first * second));
             if (variance * inverse > MOSTLY_KNOWN) continue;
             halves += half * half * inverse;
             samples += variance * inverse;
@@ -360,6 +364,51 @@ void run_learn(Render *r)
         learn_agreement(r, mean);
     } else if (!r->has_chain || r->stats.bootstrap_hits == 0) r->relative_error = 0;     /* black, and nothing says that it should not be */
     free(local);
+}
+
+/* Where a sample's error is larger, relative to the picture, more of them: as its root, so that the sum of errors is least for the work. It is told by the
+ * pixels around: they have had few samples each, and the pixel's own are to have no part in it (passes.c), not by way of the picture either, which is the
+ * pilot's beside what each of those others has brought itself. */
+void run_share_out(Render *r)
+{
+    enum { RADIUS = 4, MOST = 8 };
+    Passes *p = &r->passes;
+    int width = (int)r->scene->camera.width, height = (int)r->scene->camera.height;
+    float *noise = malloc(r->pixels * sizeof *noise);
+    double mean = 0, sum = 0;
+    if (!noise) return;                        /* goes on as it is */
+    for (size_t i = 0; i < r->pixels; i++) mean += (double)r->film[i].threshold / (r->tau * (double)r->pixels);
+    for (size_t pixel = 0; pixel < r->pixels; pixel++) {
+        double n = p->count[pixel / (size_t)width], typical = (double)r->film[pixel].threshold / r->tau;
+        noise[pixel] = 0;
+        for (size_t i = 3 * pixel; i < 3 * pixel + 3; i++) {
+            double value = p->sum[i] / n, variance = larger(0, p->square[i] / n - value * value), likely = likely_value(value, variance / n, typical);
+            noise[pixel] += (float)(variance / (likely * likely + 0.01 * mean * mean));
+        }
+    }
+    for (int y = 0; y < height; y++)
+        for (int x = 0; x < width; x++) {
+            double around = 0, cost = 0;
+            for (int v = y < RADIUS ? 0 : y - RADIUS; v <= y + RADIUS && v < height; v++)
+                for (int u = x < RADIUS ? 0 : x - RADIUS; u <= x + RADIUS && u < width; u++) {
+                    if (u == x && v == y) continue;
+                    around += (double)noise[v * width + u];
+                    cost += (double)p->cost[v * width + u];
+                }
+            sum += (double)(p->often[y * width + x] = (float)(cost > 0 ? sqrt(around / cost) : 1));
+        }
+    double average = sum / (double)r->pixels;
+    sum = 0;
+    for (size_t i = 0; i < r->pixels; i++) {
+        double relative = average > 0 ? (double)p->often[i] / average : 1;
+        sum += (double)(p->often[i] = (float)fmin(sqrt(relative * relative + 0.1), MOST));
+    }
+    for (size_t i = 0; i < r->pixels; i++) p->often[i] *= (float)((double)r->pixels / sum);
+    Rng rng = rng_new(r->settings->seed, (uint64_t)4 << 61);
+    p->offset = rng_double(&rng);
+    memcpy(p->alike, p->count, r->scene->camera.height * sizeof *p->alike);
+    p->settled = true;
+    free(noise);
 }
 
 double run_chain_error(const Render *r)

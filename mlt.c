@@ -2,16 +2,6 @@
 #include "mlt.h"
 #include <stdlib.h>
 
-double even(double offset, uint64_t index, int dimension)
-{
-    /* Powers of 1/g, g the root of g^(d+1) = g + 1, the golden ratio's counterpart in d dimensions: five for place and light, which go together, two for
-     * the way on, and two roots for the lens. */
-    static const double step[9] = { 0.8812714616335696, 0.7766393890897682, 0.6844301295853426, 0.6031687406857282, 0.5315553977157688,
-                                    0.7548776662466927, 0.5698402909980532, 0.4142135623730951, 0.7320508075688772 };
-    double u = offset + step[dimension] * (double)(index & 0xffffffffu);
-    return u - floor(u);
-}
-
 /* What one sample found: of the target, and of the light by classes, without the weight w of the two-stage target. */
 typedef struct { const Bdpt *bdpt; const Pixel *film; double weight, light[CLASSES]; } Found;
 static void add_found(void *context, const Candidate *c)

@@ -31,7 +31,15 @@ void bootstrap_free(Bootstrap *bootstrap);
 bool bootstrap_seed(const Bootstrap *bootstrap, const Space *space, Bdpt *bdpt, double u, Path *x);
 
 /* A point of a sequence that fills [0,1)^9 evenly at every length, from an offset (additive recurrence); dimension 0 .. 8. */
-double even(double offset, uint64_t index, int dimension);
+static inline double even(double offset, uint64_t index, int dimension)
+{
+    /* Powers of 1/g, g the root of g^(d+1) = g + 1, the golden ratio's counterpart in d dimensions: five for place and light, which go together, two for
+     * the way on, and two roots for the lens. */
+    static const double step[9] = { 0.8812714616335696, 0.7766393890897682, 0.6844301295853426, 0.6031687406857282, 0.5315553977157688,
+                                    0.7548776662466927, 0.5698402909980532, 0.4142135623730951, 0.7320508075688772 };
+    double u = offset + step[dimension] * (double)(index & 0xffffffffu);
+    return u - floor(u);
+}
 
 /* What a chain proposes from: rows, and how often. Among the rows that apply to x, row i is chosen with q_i(x) = share_i / sum of shares. */
 typedef struct {

@@ -22,8 +22,9 @@ enum {
     WHOLE_PILOTS = 3, PILOTS = 6,  /* short rounds that teach, a hundredth of the work each, and are thrown away; while the integrand is whole, and all */
     ROUNDS = 16,                   /* that make the picture */
     PILOT_STEPS = 64,              /* mutations per pixel that a pilot round needs at most */
-    LEARN_RAYS = 4,                /* per pixel after which it pays to learn again: that costs as much as some 0.2 */
+    LEARN_RAYS = 4,                /* per pixel after which it pays to learn again, and a quarter more than so far: that costs as much as some 0.2 */
     LEAST_PASSES = 6,              /* of samples that a run with chains must have time for */
+    ALIKE_PASSES = 8,              /* of samples before it is settled which pixels are to have more */
     ROW_SHARE = 64,                /* of the film's rows are sampled in a round at least */
     SLICE = 16384,                 /* steps between two looks at the clock */
     STREAM_BITS = 40               /* of a random stream's number, below the round's */
@@ -57,8 +58,8 @@ Render *render_new(const Scene *scene, const Settings *settings)
     bool ok = (r->bdpt = bdpt_new()) && (r->x = malloc(sizeof *r->x)) && (r->y = malloc(sizeof *r->y)) && (r->trail = malloc(sizeof *r->trail));
     if (r->has_direct)
         ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.direct = calloc(r->pixels, 8))
-            && (r->passes.earlier = calloc(doubles, 8))
-            && (r->passes.count = calloc(scene->camera.height, 4));
+            && (r->passes.earlier = calloc(doubles, 8)) && (r->passes.often = calloc(r->pixels, 4)) && (r->passes.cost = calloc(r->pixels, 4))
+            && (r->passes.count = calloc(scene->camera.height, 4)) && (r->passes.alike = calloc(scene->camera.height, 4));
     if (r->bidirectional || (r->has_chain && r->has_direct))
         ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)
@@ -85,7 +86,7 @@ void render_free(Render *r)
     bdpt_free(r->bdpt);
     image_free(r->early);
     Passes *p = &r->passes;
-    void *owned[] = { r->x, r->y, r->trail, p->sum, p->square, p->direct, p->earlier, p->count, p->light, p->light_square,
+    void *owned[] = { r->x, r->y, r->trail, p->sum, p->square, p->direct, p->earlier, p->often, p->cost, p->count, p->alike, p->light, p->light_square,
                       r->film, r->picture, r->met.seed, r->sum, r->square, r };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
 }
@@ -100,110 +101,12 @@ static bool in_time(const Render *r, double deadline) { return r->settings->seco
 
 /* ---- independent samples ---- */
 
-typedef struct { Render *r; Rng *rng; Rgb own; double cut; bool out_of_memory; } Splat;
-
-static void add_direct(Render *r, const Candidate *c)
-{
-    if (reach_is_direct(c->reach) && finite3(c->rgb)) r->passes.direct[c->pixel] += c->share * (c->rgb.x + c->rgb.y + c->rgb.z);
-}
-
-static void visit_traced(void *context, const Candidate *c)
-{
-    Splat *s = context;
-    add_direct(s->r, c);
-    if (c->share == 1) return;
-    if (c->reach == REACH_SEEN) s->out_of_memory |= !run_spread(s->r, c, s->rng);
-    else {
-        s->cut += (1 - c->share) * (c->rgb.x + c->rgb.y + c->rgb.z) / 3;
-        run_meet(s->r, c, s->rng);
-    }
-}
-
-static void splat_light(Render *r, size_t pixel, Rgb rgb)
-{
-    double *light = r->passes.light + 3 * pixel, *square = r->passes.light_square + 3 * pixel;
-    const double v[3] = { rgb.x, rgb.y, rgb.z };
-    for (int i = 0; i < 3; i++) { light[i] += v[i]; square[i] += v[i] * v[i]; }
-}
-
-static void splat_candidate(void *context, const Candidate *c)
-{
-    Splat *s = context;
-    if (!finite3(c->rgb)) { s->r->stats.bad_samples++; return; }
-    if (c->n_lens > 1) {
-        s->own = along(s->own, c->share, c->rgb);
-        visit_traced(s, c);
-        return;
-    }
-    if (c->share < 1) visit_traced(s, c);
-    splat_light(s->r, c->pixel, scale(c->share, c->rgb));
-}
-
-/* On the whole integrand: indirect light, from pixels drawn by chance (a pattern would be seen in the caps), all of it apart from the path tracer's. */
-static void sample_joined(Render *r, double x, double y, size_t pixel, Rng *rng)
-{
-    Splat s = { .r = r, .rng = rng };
-    bdpt_sample(r->bdpt, &r->joined_space, x, y, rng, splat_candidate, &s);
-    if (finite3(s.own)) splat_light(r, pixel, s.own);
-}
-
-/* Rows in an order in which some that follow each other are spread over the film, from a chance one on: each is as likely as any other to be in a round. */
-static uint32_t row_of(const Render *r)
-{
-    uint64_t height = r->scene->camera.height, stride = (uint64_t)(0.6180339887 * (double)height) | 1, start;
-    for (uint64_t a = height, b = stride; ; a = height, b = stride += 2) {
-        while (b != 0) { uint64_t rest = a % b; a = b; b = rest; }
-        if (a == 1) break;
-    }
-    Rng rng = rng_new(r->settings->seed, (uint64_t)5 << 61);
-    start = rng_index(&rng, (uint32_t)height);
-    return (uint32_t)((start + r->passes.rows % height * stride) % height);
-}
-
-/* One more sample in each pixel of the next row. Its place in the pixel and its first light sample fill their ranges evenly over the
- * passes, from an offset of the pixel's own. */
-static bool sample_row(Render *r)
-{
-    Passes *p = &r->passes;
-    uint32_t width = r->scene->camera.width, height = r->scene->camera.height, row = row_of(r);
-    uint64_t pass = p->rows / height, rays = *r->scene->rays;
-    /* Of its own for the pilot: were its samples seen again, the thresholds would depend on what they are to cap. */
-    uint64_t stream = (uint64_t)(r->pilot ? 7 : 6) << 61;
-    Rng rng = rng_new(r->settings->seed, stream + ((uint64_t)1 << 60) + p->rows);
-    for (uint32_t column = 0; column < width; column++) {
-        size_t pixel = (size_t)row * width + column;
-        Rng offset = rng_new(r->settings->seed, stream + pixel);
-        union { Numbers named; double u[NUMBERS]; } even_ones;
-        for (int d = 0; d < NUMBERS; d++) even_ones.u[d] = even(rng_double(&offset), pass, d);
-        double x = column + even_ones.u[0], y = row + even_ones.u[1];
-        Splat s = { .r = r, .rng = &rng };
-        if (r->settings->integrator != INTEGRATOR_BDPT)
-            s.own = path_trace(&r->direct_space, column, row, &even_ones.named, &rng, r->trail, visit_traced, &s);
-        if (run_on_whole(r) && rng_index(&rng, JOINED_STRIDE) == 0) sample_joined(r, x, y, pixel, &rng);
-        if (r->bidirectional) bdpt_sample(r->bdpt, &r->joined_space, x, y, &rng, splat_candidate, &s);
-        run_end_sample(r);
-        if (s.out_of_memory) return false;
-        if (!finite3(s.own)) { r->stats.bad_samples++; continue; }
-        p->cut += s.cut;
-        p->cut_square += s.cut * s.cut;
-        const double v[3] = { s.own.x, s.own.y, s.own.z };
-        for (size_t i = 0; i < 3; i++) { p->sum[3 * pixel + i] += v[i]; p->square[3 * pixel + i] += v[i] * v[i]; }
-    }
-    p->rows++;
-    p->count[row]++;
-    r->met.rows++;
-    r->met.rays += (double)(*r->scene->rays - rays);
-    p->rays += *r->scene->rays - rays;
-    if (p->rows % height == 0) run_evenness(r);
-    return true;
-}
-
 /* Whatever the clock or the user say: without a sample in every pixel there is no picture of what the path tracer is to bring. */
 static bool one_pass(Render *r)
 {
     double start = clock_now();
     while (r->passes.rows < r->scene->camera.height)
-        if (!sample_row(r)) return false;
+        if (!run_sample_row(r)) return false;
     r->stats.seconds_direct += clock_now() - start;
     return true;
 }
@@ -426,23 +329,12 @@ static void forget_chains(Render *r)
     r->stats.seconds_chain = r->stats.seconds_direct = 0;
 }
 
-static void forget_samples(Render *r)
-{
-    double *thrown_away[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square };
-    for (int i = 0; i < 4; i++) memset(thrown_away[i], 0, 3 * r->pixels * sizeof(double));
-    memset(r->passes.direct, 0, r->pixels * sizeof *r->passes.direct);
-    memset(r->passes.count, 0, r->scene->camera.height * sizeof *r->passes.count);
-    r->passes.rows = r->passes.rays = 0;
-    r->passes.evenness = (Evenness){ .a = 1 };
-    r->passes.cut = r->passes.cut_square = 0;
-}
-
 /* Whether a pass of samples, of which the pilot needs one and the picture two, is short beside the run. Some rows tell. False if memory runs out. */
 static bool time_for_pilot(Render *r, bool *enough)
 {
     double start = clock_now(), seconds = r->settings->seconds, height = r->scene->camera.height;
     while (r->passes.rows < r->scene->camera.height && r->passes.rows < 16 && clock_now() - start < 0.02 * seconds)
-        if (!sample_row(r)) return false;
+        if (!run_sample_row(r)) return false;
     double pass = (clock_now() - start) / (double)r->passes.rows * height;
     *enough = pass < seconds / LEAST_PASSES;
     return true;
@@ -451,7 +343,7 @@ static bool time_for_pilot(Render *r, bool *enough)
 /* Where there is no time for more: no cap, no pilot, and nothing for the chains. */
 static void trace_all(Render *r)
 {
-    forget_samples(r);
+    run_forget_samples(r);
     r->tau = INFINITY;
     for (size_t i = 0; i < r->pixels; i++) r->film[i].threshold = INFINITY;
     run_divide(r);
@@ -482,7 +374,7 @@ static bool learn_from_pilot(Render *r)
     if (!r->has_direct || r->pilot) return true;
     image_free(r->early);
     r->early = NULL;
-    forget_samples(r);
+    run_forget_samples(r);
     return one_pass(r);
 }
 
@@ -515,7 +407,7 @@ static bool run_chains(Render *r)
             while (r->has_direct && going(r)) {
                 bool on = (timed || (double)r->passes.rows < least || r->met.rays < rays) && in_time(r, deadline);
                 if (!on && ROW_SHARE * r->met.rows >= (double)r->scene->camera.height) break;   /* no round is without a sample of all parts of the film */
-                if (!sample_row(r)) return false;
+                if (!run_sample_row(r)) return false;
             }
             /* what that took longer is not the chains' loss */
             if (planned) r->round.deadline = fmin(fmax(r->round.deadline, clock_now() + r->round.chain_seconds), s->start + s->seconds);
@@ -526,13 +418,14 @@ static bool run_chains(Render *r)
         if (!run_round(r)) return false;
         if (!going(r)) break;
         run_close_chains(r);
-        bool due = r->pilot ? r->chain_space.part == WHOLE : (double)*r->scene->rays - r->learned >= LEARN_RAYS * (double)r->pixels;
+        bool due = r->pilot ? r->chain_space.part == WHOLE : (double)*r->scene->rays >= fmax(r->learned + LEARN_RAYS * (double)r->pixels, 1.25 * r->learned);
         if (due || r->rounds == r->last_round) {
             start = clock_now();
             run_learn(r);
             r->stats.seconds_start += clock_now() - start;
         }
         if (r->rounds <= PILOTS && !learn_from_pilot(r)) return false;
+        if (r->has_direct && !r->pilot && !r->passes.settled && isfinite(r->tau) && r->passes.rows >= ALIKE_PASSES * (uint64_t)r->scene->camera.height) run_share_out(r);
         r->round.phase = PLAN;
     }
     return true;
@@ -545,7 +438,7 @@ static bool run_passes(Render *r)
     if (!one_pass(r)) return false;
     double start = clock_now();
     while (r->passes.rows < rows && going(r) && in_time(r, s->start + s->seconds)) {
-        if (!sample_row(r)) return false;
+        if (!run_sample_row(r)) return false;
         if (r->passes.rows < look) continue;
         look += look / 4 + height;                 /* the estimate costs a pass over the picture: at growing intervals */
         look -= look % height;

@@ -14,13 +14,18 @@ typedef struct {
 /* On the whole integrand one pixel of so many has a bidirectional sample in a pass. */
 enum { JOINED_STRIDE = 4 };
 
-/* Independent samples, row by row: sum and sum of squares of the samples of each pixel, and what light subpaths bring to any pixel. */
+/* Independent samples, row by row. A pass is one sample of each pixel; once run_share_out has settled it, one on average. */
 typedef struct {
-    double *sum, *square, *light, *light_square;   /* [pixels][3]; light only for bdpt, and for what run_spread moves */
-    double *direct;                /* [pixels] of 'sum', over channels, what is direct light: it may be large in one pixel alone, and is no outlier */
+    double *sum, *square;          /* [pixels][3] over the samples of each pixel */
+    double *light, *light_square;  /* [pixels][3] what light subpaths bring to any pixel; only for bdpt, and for what run_spread moves */
+    double *direct;                /* [pixels] over channels, what is direct light: it may be large in one pixel alone, and is no outlier */
     double *earlier;               /* [pixels][3] 'sum' when the passes were last a power of two */
     Evenness evenness;
-    uint32_t *count;               /* [height] samples in each pixel of a row */
+    float *often;                  /* [pixels] samples in a pass since it was settled: a mean of 1 */
+    float *cost;                   /* [pixels] rays for the samples of each pixel before that */
+    double offset;                 /* in [0,1): where the pixels begin to count */
+    uint32_t *count, *alike;       /* [height] passes over a row; of these, before it was settled */
+    bool settled;
     double cut, cut_square;        /* over samples, of what the threshold took from them, a mean over channels */
     uint64_t rows;                 /* sampled so far; the pass is rows / height */
     uint64_t rays;
@@ -94,11 +99,20 @@ struct Render {
 
 /* Adds the chains of the round under way to those of finished rounds. */
 void run_close_chains(Render *render);
+/* After each pass of independent samples: measures their evenness, now and then. */
+void run_evenness(Render *render);
 /* The part of the film that a pixel (column, row) is in, and how many there are. */
 uint32_t run_tile(const Render *render, uint32_t x, uint32_t y);
 uint32_t run_tiles(const Render *render);
-/* After each pass of independent samples: measures their evenness, now and then. */
-void run_evenness(Render *render);
+/* Independent samples of the pixels of the next row. False if memory runs out. */
+bool run_sample_row(Render *render);
+void run_forget_samples(Render *render);
+/* Samples that a pixel of row y has had after so many passes. */
+static inline uint32_t run_samples(const Passes *p, size_t pixel, uint32_t y, uint32_t passes)
+{
+    if (!p->settled || passes <= p->alike[y]) return passes;
+    return p->alike[y] + (uint32_t)((passes - p->alike[y]) * (double)p->often[pixel] + even(p->offset, pixel, 0));
+}
 /* Estimates the error of the picture, and from it the shares of work and the two-stage weight. */
 void run_learn(Render *render);
 /* After an earlier run's state was read: lets a run whose rounds are all done have more. */
@@ -111,8 +125,8 @@ static inline bool run_on_whole(const Render *render) { return render->pilot && 
 static inline double run_most_share(const Render *render) { return render->settings->seconds > 0 ? 50 : 4; }
 /* Divides the integrand at the thresholds: capped values to the path tracer, the rest to the chains. */
 void run_divide(Render *render);
-/* Of an indirect path that an independent sample is visiting, and that is not wholly the samples' own. */
-void run_meet(Render *render, const Candidate *candidate, Rng *rng);
+/* Of an indirect path that an independent sample is visiting, and that is not wholly the samples' own; it counts 'scale' times. */
+void run_meet(Render *render, const Candidate *candidate, double scale, Rng *rng);
 /* After each sample: what it has met belongs together. */
 void run_end_sample(Render *render);
 /* b of what was met, *variance its variance; 0 where nothing was. */
@@ -121,8 +135,11 @@ double run_met(const Render *render, double *variance);
 void run_met_seed(const Render *render, double u, Path *x);
 void run_forget_met(Render *render);
 
-/* Of a path that the path tracer is visiting, REACH_SEEN and not wholly of the space: brings what is left of it to the picture. False if memory runs out. */
-bool run_spread(Render *render, const Candidate *candidate, Rng *rng);
+/* Of a path that the path tracer is visiting, REACH_SEEN and not wholly of the space: brings what is left of it to the picture,
+ * 'scale' times. False if memory runs out. */
+bool run_spread(Render *render, const Candidate *candidate, double scale, Rng *rng);
+/* Settles how often independent samples look at each pixel from now on. */
+void run_share_out(Render *render);
 /* Chooses the thresholds by what the pilot has left in them, the picture's own brightness, and the shares of work to begin with. */
 void run_survey(Render *render);
 #endif

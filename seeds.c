@@ -23,10 +23,10 @@ static bool evaluate(const Render *r, const Candidate *c)
 }
 
 /* Draws with replacement: each seed gives way to the new path with the chance of its weight among all so far. What is not replaced is skipped over. */
-void run_meet(Render *r, const Candidate *c, Rng *rng)
+void run_meet(Render *r, const Candidate *c, double scale, Rng *rng)
 {
     Met *m = &r->met;
-    double light = luminance(c->rgb) * (1 - c->share), weight = light * (double)r->film[c->pixel].weight;
+    double light = scale * luminance(c->rgb) * (1 - c->share), weight = light * (double)r->film[c->pixel].weight;
     if (!wanted(r, c) || !(weight > 0)) return;
     if (!isfinite(weight)) { r->stats.bad_samples++; return; }
     if (m->sum == 0 && !evaluate(r, c)) return;        /* rounding at the threshold, or the film's edge: no seed to begin with */

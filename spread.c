@@ -51,14 +51,14 @@ static void add_splats(Render *r, const Splats *s)
     }
 }
 
-bool run_spread(Render *r, const Candidate *c, Rng *rng)
+bool run_spread(Render *r, const Candidate *c, double scale, Rng *rng)
 {
     const Sampler sampler = { .table = &seen_mutation, .rows = 1, .share = { 1 }, .tuning = r->sampler.tuning };
     Space space = r->direct_space;
     ChainCount count = { 0 };
     space.direct = DIRECT_ONLY;
     space.part = REST;
-    double picture = (double)r->film[c->pixel].threshold / r->tau, rest = luminance(c->rgb) * (1 - c->share) * (double)r->film[c->pixel].weight;
+    double picture = (double)r->film[c->pixel].threshold / r->tau, rest = scale * luminance(c->rgb) * (1 - c->share) * (double)r->film[c->pixel].weight;
     double chains = fmin(STEPS * (1 - c->share) * c->value / (picture * LENGTH), MOST_CHAINS);
     Splats s = { .scale = rest / (chains * LENGTH) };
     int n = (int)(chains + rng_double(rng));

@@ -71,7 +71,7 @@ static uint64_t identity(const Scene *scene, const Settings *s)
     return h;
 }
 
-static const char MAGIC[] = "MLTRUN7\n";            /* the number changes with what is kept */
+static const char MAGIC[] = "MLTRUN8\n";            /* the number changes with what is kept */
 
 typedef struct {
     char magic[8];
@@ -124,12 +124,17 @@ static void pass_state(Stream *s, Render *r)
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) pass_array(s, arrays[i], doubles);
     pass_array(s, r->passes.direct, r->pixels * sizeof *r->passes.direct);
     pass_array(s, r->passes.count, r->scene->camera.height * sizeof *r->passes.count);
+    pass_array(s, r->passes.often, r->pixels * sizeof *r->passes.often);
+    pass_array(s, r->passes.cost, r->pixels * sizeof *r->passes.cost);
+    pass_array(s, r->passes.alike, r->scene->camera.height * sizeof *r->passes.alike);
     pass_array(s, r->film, r->pixels * sizeof *r->film);
     pass_array(s, r->picture, r->pixels * sizeof *r->picture);
     bool early = r->early != NULL;
     pass(s, &early, sizeof early);
     if (!s->write && s->ok && early) s->ok = (r->early = image_new(r->scene->camera.width, r->scene->camera.height)) != NULL;
     if (early && s->ok) pass(s, r->early->rgb, 3 * r->pixels * sizeof *r->early->rgb);
+    pass(s, &r->passes.offset, sizeof r->passes.offset);
+    pass(s, &r->passes.settled, sizeof r->passes.settled);
     pass(s, &r->passes.rows, sizeof r->passes.rows);
     pass(s, &r->passes.rays, sizeof r->passes.rays);
     pass(s, &r->passes.evenness, sizeof r->passes.evenness);

@@ -375,7 +375,7 @@ static void spread(void *context, const Candidate *c)
     if (!(c->share < 1)) return;
     Candidate changed = *c;
     changed.rgb = scale(s->factor, c->rgb);
-    CHECK(run_spread(s->render, &changed, s->rng));
+    CHECK(run_spread(s->render, &changed, 1, s->rng));
     s->spread++;
 }
 
@@ -428,68 +428,88 @@ static void test_spread(void)
     scene_free(&scene);
 }
 
-/* What independent samples have met and left to the chains, as their seeds (run_meet): with it the parts make up the whole. */
-typedef struct { Render *render; Rng *rng; double factor; Rgb own; double *value; } Meeting;
+/* Passes of independent samples as a run has them, and what they have met and left to the chains, as their seeds (run_meet): together they make up the
+ * whole, however often each pixel is sampled. But its own samples must not settle that. */
+typedef enum { NO_FAULT, TWICE_LEFT, OWN_SAMPLES } MetFault;
 
-static void meet(void *context, const Candidate *c)
+/* As in run_share_out, but far more uneven: where a pixel, or the one so many further on, has been dark so far, there will be few samples. */
+static void uneven(Render *r, double dark, uint32_t further)
 {
-    Meeting *m = context;
-    Rgb kept = scale(c->share, c->rgb);
-    if (c->n_lens > 1) m->own = add(m->own, kept);
-    else add_pixel(m->value, c->pixel % FILM, c->pixel / FILM, kept, 1);
-    if (c->share == 1 || reach_is_direct(c->reach)) return;
-    Candidate changed = *c;
-    changed.rgb = scale(m->factor, c->rgb);
-    run_meet(m->render, &changed, m->rng);
+    Passes *p = &r->passes;
+    double sum = 0;
+    for (uint32_t i = 0; i < FILM * FILM; i++) {
+        const double *other = p->sum + 3 * ((i + further) % (FILM * FILM));
+        sum += (double)(p->often[i] = other[0] + other[1] + other[2] < dark ? 0.25f : 2.5f);
+    }
+    for (int i = 0; i < FILM * FILM; i++) p->often[i] *= (float)(FILM * FILM / sum);
+    Rng rng = rng_new(r->settings->seed, 77);
+    p->offset = rng_double(&rng);
+    for (int y = 0; y < FILM; y++) p->alike[y] = p->count[y];
+    p->settled = true;
 }
 
-/* left 1: as it ought to be; another is a fault: so many times what was cut off is left to the chains */
-static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidirectional, float threshold, double left)
+static double mean_sum(const Render *r)
 {
+    double mean = 0;
+    for (int i = 0; i < 3 * FILM * FILM; i++) mean += r->passes.sum[i] / (FILM * FILM);
+    return mean;
+}
+
+static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidirectional, float threshold, MetFault fault)
+{
+    enum { PASSES = 4, SEEDED = 400, STEPS = 100 };                    /* passes of a run, of which each mean has many; chains of them all, steps of a chain */
     Group g = { .runs = RUNS };
-    const Settings settings = { .integrator = INTEGRATOR_MLT, .direct = LIGHT_APART, .max_depth = depth, .strategies = ~0u, .seed = seed };
-    enum { SEEDED = 400, STEPS = 100 };
-    for (int i = 0; i < RUNS; i++) {
-        Rng rng = rng_new(seed + 1000, ((uint64_t)i + 1) << 36);       /* numbers that no other group has */
-        Render *r = render_new(scene, &settings);
-        Bootstrap boot;
-        double samples = per_pixel * FILM * FILM, met, variance, chains = SEEDED * factor;
-        if (!CHECK(r != NULL)) return g;
-        for (int j = 0; j < FILM * FILM; j++) {
-            r->film[j].threshold = threshold * (float)(1 + j % 7);
-            r->film[j].weight = 1.0f / (float)(1 + j % 5);
+    int parts = per_pixel / PASSES;
+    double hits = 0, dark = 0;
+    for (int i = 0; i < RUNS; i++)
+        for (int part = 0; part < parts; part++) {
+            const Settings settings = { .integrator = INTEGRATOR_MLT, .direct = LIGHT_APART, .max_depth = depth, .strategies = ~0u,
+                                        .seed = seed * 100000 + 1000 + (uint64_t)(i * parts + part) };
+            Rng rng = rng_new(settings.seed, (uint64_t)1 << 36);       /* numbers that no other group has */
+            Render *r = render_new(scene, &settings);
+            Image *image = image_new(FILM, FILM);
+            Bootstrap boot;
+            double met, variance;
+            if (!CHECK(r && image)) return g;
+            for (int j = 0; j < FILM * FILM; j++) {
+                r->film[j].threshold = threshold * (float)(1 + j % 7);
+                r->film[j].weight = 1.0f / (float)(1 + j % 5);
+            }
+            r->tau = 1e-9;                         /* what is REACH_SEEN is not cut */
+            r->bidirectional = bidirectional;
+            r->pilot = false;
+            run_divide(r);
+            while (r->passes.rows < PASSES * FILM - 1) {
+                CHECK(run_sample_row(r));
+                if (r->passes.rows != 2 * FILM) continue;
+                if (dark > 0) uneven(r, dark, fault == OWN_SAMPLES ? 0 : 1);
+                else dark = 0.7 * mean_sum(r);     /* of the first alone: no pixel is to be judged by itself */
+            }
+            render_image(r, image);
+            for (uint32_t y = 0; y < FILM; y++)
+                for (uint32_t x = 0; x < FILM; x++)
+                    add_pixel(g.value[i], x, y, from_float(image->rgb + 3 * (y * FILM + x)), 1.0 / (FILM * FILM * parts));
+            if (fault == TWICE_LEFT) r->met.sum *= 2;
+            met = run_met(r, &variance);
+            uint64_t bootstrap = bidirectional ? 0 : (uint64_t)(4000 * factor / parts);
+            CHECK(bootstrap_run(&boot, &r->chain_space, r->bdpt, bootstrap, settings.seed, (uint64_t)2 << 36));
+            Group chain = { .runs = RUNS };
+            ChainCount count = { 0 };
+            double b = boot.b + met, offset = rng_double(&rng), chains = ceil(SEEDED * factor / parts);
+            for (uint64_t c = 0; c < (uint64_t)chains && b > 0; c++) {
+                double u = even(offset, c, 0) * b;
+                if (u >= boot.b) run_met_seed(r, (u - boot.b) / met, r->x);
+                else if (!bootstrap_seed(&boot, &r->chain_space, r->bdpt, u / boot.b, r->x)) continue;
+                chain_run(&r->chain_space, &r->sampler, r->x, r->y, STEPS, &rng, splat, chain.value[0], &count);
+            }
+            for (int v = 0; v < VALUES; v++) g.value[i][v] += chain.value[0][v] * b / (chains * STEPS * parts);
+            hits += (double)r->met.hits;
+            CHECK(count.bad == 0);
+            bootstrap_free(&boot);
+            image_free(image);
+            render_free(r);
         }
-        r->tau = 1e-9;                             /* what is REACH_SEEN is not cut */
-        r->bidirectional = bidirectional;
-        run_divide(r);
-        Meeting m = { .render = r, .rng = &rng, .factor = left, .value = g.value[i] };
-        for (int n = 0; n < (int)samples; n++) {
-            uint32_t x = (uint32_t)n % FILM, y = (uint32_t)n / FILM % FILM;
-            const Numbers numbers = numbers_random(&rng);
-            m.own = vec3(0, 0, 0);
-            path_trace(&r->direct_space, x, y, &numbers, &rng, r->trail, meet, &m);
-            if (bidirectional) bdpt_sample(r->bdpt, &r->joined_space, x + rng_double(&rng), y + rng_double(&rng), &rng, meet, &m);
-            run_end_sample(r);
-            add_pixel(g.value[i], x, y, m.own, 1);
-        }
-        for (int v = 0; v < VALUES; v++) g.value[i][v] /= samples;
-        r->met.rows = samples / FILM;
-        met = run_met(r, &variance);
-        CHECK(bootstrap_run(&boot, &r->chain_space, r->bdpt, bidirectional ? 0 : (uint64_t)(4000 * factor), seed + 2000, (uint64_t)(i + 1) << 36));
-        Group chain = { .runs = RUNS };
-        ChainCount count = { 0 };
-        double b = boot.b + met, offset = rng_double(&rng);
-        for (uint64_t c = 0; c < (uint64_t)chains && b > 0; c++) {
-            double u = even(offset, c, 0) * b;
-            if (u >= boot.b) run_met_seed(r, (u - boot.b) / met, r->x);
-            else if (!bootstrap_seed(&boot, &r->chain_space, r->bdpt, u / boot.b, r->x)) continue;
-            chain_run(&r->chain_space, &r->sampler, r->x, r->y, STEPS, &rng, splat, chain.value[0], &count);
-        }
-        for (int v = 0; v < VALUES; v++) g.value[i][v] += chain.value[0][v] * b / (floor(chains) * STEPS);
-        CHECK(r->met.hits > 100 && met > 0 && count.bad == 0);
-        bootstrap_free(&boot);
-        render_free(r);
-    }
+    CHECK(hits > 100 * RUNS);
     return g;
 }
 
@@ -509,10 +529,10 @@ static void test_met(void)
     folder_write_text("basin.obj", basin_obj);
     folder_write_text("basin.mtl", basin_mtl);
     folder_write_text("basin.cam", basin_cam);
-    const struct { const char *name, *file; int per_pixel; bool bidirectional; float threshold; } list[] = {
-        { "the floor under water, seeds from the path tracer", folder_path("basin.obj"), 60, false, 0.05f },
-        { "the floor under water, all seeds from bidirectional samples", folder_path("basin.obj"), 60, true, 0.05f },
-        { "scenes/cornell.obj, all seeds from bidirectional samples", "scenes/cornell.obj", 120, true, 0.005f },
+    const struct { const char *name, *file; int per_pixel; bool bidirectional; float threshold; bool noisy; } list[] = {
+        { "the floor under water, seeds from the path tracer", folder_path("basin.obj"), 60, false, 0.05f, false },
+        { "the floor under water, all seeds from bidirectional samples", folder_path("basin.obj"), 60, true, 0.05f, false },
+        { "scenes/cornell.obj, all seeds from bidirectional samples", "scenes/cornell.obj", 120, true, 0.005f, true },
     };
     for (size_t i = 0; i < sizeof list / sizeof list[0]; i++) {
         Scene scene;
@@ -520,10 +540,14 @@ static void test_met(void)
         if (!load(&scene, list[i].file)) continue;
         printf("%s\n", list[i].name);
         Space whole = { .scene = &scene, .max_depth = depth, .direct = DIRECT_INCLUDED };
-        Group path = traced_group(&whole, 4 * n), both = met_group(&scene, depth, n, list[i].bidirectional, list[i].threshold, 1);
-        Group much = met_group(&scene, depth, n, list[i].bidirectional, list[i].threshold, 2);
+        Group path = traced_group(&whole, 4 * n), both = met_group(&scene, depth, n, list[i].bidirectional, list[i].threshold, NO_FAULT);
+        Group much = met_group(&scene, depth, n, list[i].bidirectional, list[i].threshold, TWICE_LEFT);
         agree("path, capped + chains from what was met", &path, &both, BY_TILES);
         disagree("twice as much is left to the chains", &path, &much, BY_TILES);
+        if (list[i].noisy) {
+            Group own = met_group(&scene, depth, n, list[i].bidirectional, list[i].threshold, OWN_SAMPLES);
+            disagree("a pixel's own samples settle how many it has", &path, &own, BY_TILES);
+        }
         scene_free(&scene);
     }
 }
