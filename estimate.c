@@ -374,7 +374,7 @@ void run_share_out(Render *r)
     enum { RADIUS = 4, MOST = 8 };
     Passes *p = &r->passes;
     int width = (int)r->scene->camera.width, height = (int)r->scene->camera.height;
-    float *noise = malloc(r->pixels * sizeof *noise);
+    float *noise = malloc(r->pixels * sizeof *noise);      /* like the cost, a sum over the samples of a pixel */
     double mean = 0, sum = 0;
     if (!noise) return;                        /* goes on as it is */
     for (size_t i = 0; i < r->pixels; i++) mean += (double)r->film[i].threshold / (r->tau * (double)r->pixels);
@@ -383,7 +383,7 @@ void run_share_out(Render *r)
         noise[pixel] = 0;
         for (size_t i = 3 * pixel; i < 3 * pixel + 3; i++) {
             double value = p->sum[i] / n, variance = larger(0, p->square[i] / n - value * value), likely = likely_value(value, variance / n, typical);
-            noise[pixel] += (float)(variance / (likely * likely + 0.01 * mean * mean));
+            noise[pixel] += (float)(n * variance / (likely * likely + 0.01 * mean * mean));
         }
     }
     for (int y = 0; y < height; y++)

@@ -23,6 +23,7 @@ enum {
     ROUNDS = 16,                   /* that make the picture */
     PILOT_STEPS = 64,              /* mutations per pixel that a pilot round needs at most */
     LEARN_RAYS = 4,                /* per pixel after which it pays to learn again, and a quarter more than so far: that costs as much as some 0.2 */
+    SURE_SHARE = 20,               /* rays of independent samples per ray of the chains: above it chains matter little */
     LEAST_PASSES = 6,              /* of samples that a run with chains must have time for */
     ALIKE_PASSES = 8,              /* of samples before it is settled which pixels are to have more */
     ROW_SHARE = 64,                /* of the film's rows are sampled in a round at least */
@@ -367,6 +368,7 @@ static bool learn_from_pilot(Render *r)
         }
         run_survey(r);
         run_divide(r);
+        if (r->direct_share > SURE_SHARE) r->rounds = PILOTS;      /* however dear what is left, it is little: no more pilots */
         if (r->rounds < PILOTS) r->direct_share = 1;
     }
     forget_chains(r);
