@@ -15,6 +15,7 @@ struct Bdpt {
     /* Prefix after light vertex t: 'sum' over joins at edges before t, 'grown' the density of having grown v[0..t] alone; all over f. */
     double sum[MAX_EDGES + 1], grown[MAX_EDGES + 1];
     double traced[MAX_EDGES + 1];              /* like sum, over the path tracer's techniques alone, without Russian roulette */
+    double preference;                         /* the path tracer's, for light vertex 0, at light vertex 1 */
     double light_survival[MAX_EDGES + 1];      /* of the path tracer's, product over light vertices 1 .. t */
     /* Suffix at lens vertex j: the whole sum is sum * alpha + grown * beta, both taken at that vertex. */
     double alpha[MAX_EDGES + 1], beta[MAX_EDGES + 1], plain[MAX_EDGES + 1];   /* plain: alpha without Russian roulette */
@@ -35,6 +36,12 @@ static void with_survival(Vertex *v)
     double r = path_survival(&v->point);
     v->s.inv_S_lens *= r;
     v->s.inv_S_light *= r;
+}
+
+/* The path tracer's preference for a light, for its values; without a film nobody asks for these. */
+static double preference(const Space *space, const Point *at, const Point *light)
+{
+    return space->film ? scene_light_preference(space->scene, at, light) : 1;
 }
 
 static void trace_light(Bdpt *b, const Space *space, Rng *rng)
@@ -58,12 +65,13 @@ static void trace_light(Bdpt *b, const Space *space, Rng *rng)
         if (i > 0) {                           /* v[i] is now known from both sides */
             if (!path_scatter(space, p, i)) return;
             double inv_C = path_inv_C(p, i - 1);
-            b->traced[i] = b->traced[i - 1] * p->v[i].s.inv_S_light + (i == 1 ? b->grown[0] * inv_C : 0);
+            b->traced[i] = b->traced[i - 1] * p->v[i].s.inv_S_light + (i == 1 ? b->preference * b->grown[0] * inv_C : 0);
             with_survival(&p->v[i]);
             b->sum[i] = b->sum[i - 1] * p->v[i].s.inv_S_light + b->grown[i - 1] * inv_C;
             b->grown[i] = b->grown[i - 1] * p->v[i - 1].s.inv_S_lens;
             b->light_colour[i] = mul(b->light_colour[i - 1], p->v[i].s.colour);
         }
+        else b->preference = preference(space, &p->v[1].point, &p->v[0].point);
         b->light_survival[i + 1] = b->light_survival[i] * path_survival(&p->v[i + 1].point);
         b->n_light = i + 2;
     }
@@ -117,13 +125,14 @@ static bool counts(const Bdpt *b, const Space *space, int n_light, int n_lens)
     return space->direct == DIRECT_INCLUDED || reach_is_direct(reach(b, n_light, n_lens)) == (space->direct == DIRECT_ONLY);
 }
 
-/* One more vertex in the recurrence of path_routes; 'r' is what Russian roulette has put into to->inv_S_light. */
-typedef struct { double sum, grown, traced; int vertices; } Routes;
+/* One more vertex in the recurrence of path_routes; 'r' is what Russian roulette has put into to->inv_S_light; 'preference' the path tracer's for the
+ * light, at the vertex after it. */
+typedef struct { double sum, grown, traced, preference; int vertices; } Routes;
 static Routes extend(Routes a, const Scatter *from, double inv_G, const Scatter *to, double r)
 {
     double joined = a.grown * (from->inv_F * inv_G * to->inv_F);
-    return (Routes){ a.sum * to->inv_S_light + joined, a.grown * from->inv_S_lens, a.traced * to->inv_S_light / r + (a.vertices == 1 ? joined : 0),
-                     a.vertices + 1 };
+    return (Routes){ a.sum * to->inv_S_light + joined, a.grown * from->inv_S_lens, a.traced * to->inv_S_light / r + (a.vertices == 1 ? a.preference * joined : 0),
+                     a.preference, a.vertices + 1 };
 }
 
 /* Fills the candidate of n_light and n_lens vertices; false if it carries nothing. */
@@ -139,7 +148,8 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
         double emitted = max3(m->ke);
         if (!(emitted > 0) || dot(lens->to_lens, lens->point.surface.ng) <= 0) return false;
         at_lens = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1 };
-        routes = (Routes){ at_lens.inv_F, scene_light_pdf_a(space->scene, m), at_lens.inv_F, 1 };
+        double preferred = n_lens > 2 ? preference(space, &lens[1].point, &lens->point) : 1;
+        routes = (Routes){ at_lens.inv_F, scene_light_pdf_a(space->scene, m), at_lens.inv_F, preferred, 1 };
         colour = at_lens.colour;
     } else {
         const Vertex *light = &b->light.v[n_light - 1];
@@ -155,15 +165,16 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
         Scatter at_light = light->s;
         if (n_light == 1) {
             if (cos_light <= 0) return false;
-            routes = (Routes){ b->sum[0], b->grown[0], b->traced[0], 1 };
+            double preferred = n_lens > 1 ? preference(space, &lens->point, &light->point) : 1;
+            routes = (Routes){ b->sum[0], b->grown[0], b->traced[0], preferred, 1 };
             colour = at_light.colour;
         } else {
             if (!bsdf_scatter(&light->point.surface, neg(light[-1].to_lens), w, MODE_NONE, &at_light)) return false;
             double r = path_survival(&light->point);
             at_light.inv_S_lens *= r;
             at_light.inv_S_light *= r;
-            routes = extend((Routes){ b->sum[n_light - 2], b->grown[n_light - 2], b->traced[n_light - 2], n_light - 1 }, &light[-1].s, light[-1].inv_G,
-                            &at_light, r);
+            routes = extend((Routes){ b->sum[n_light - 2], b->grown[n_light - 2], b->traced[n_light - 2], b->preference, n_light - 1 }, &light[-1].s,
+                            light[-1].inv_G, &at_light, r);
             colour = mul(b->light_colour[n_light - 2], at_light.colour);
         }
         double r_lens = 1;

@@ -94,9 +94,10 @@ Reach path_reach(const Path *p)
     return direct ? joined ? REACH_DIRECT : REACH_SEEN : joined ? REACH_INDIRECT : REACH_UNJOINED;
 }
 
-static double traced_value(const Path *p, Reach reach)
+static double traced_value(const Scene *scene, const Path *p, Reach reach)
 {
-    double from_lens = path_inv_C(p, -1) * path_inv_S_light(p, 1) + (p->k > 1 ? path_inv_S_lens(p, -1) * path_inv_C(p, 0) : 0), q = 1;
+    double from_lens = path_inv_C(p, -1) * path_inv_S_light(p, 1), joined = p->k > 1 ? path_inv_S_lens(p, -1) * path_inv_C(p, 0) : 0, q = 1;
+    if (joined > 0) from_lens += joined * scene_light_preference(scene, &p->v[1].point, &p->v[0].point);
     for (int i = 2; i <= p->k; i++) from_lens *= path_inv_S_light(p, i);
     for (int i = 1; i < p->k; i++) from_lens *= path_traced_survival(&p->v[i].point, p->k - i);
     if (reach_is_direct(reach))
@@ -104,7 +105,7 @@ static double traced_value(const Path *p, Reach reach)
     return luminance(p->colour) * q / from_lens;
 }
 
-double path_traced_value(const Path *p) { return traced_value(p, path_reach(p)); }
+double path_traced_value(const Scene *scene, const Path *p) { return traced_value(scene, p, path_reach(p)); }
 
 double path_bidirectional_value(const Path *p)
 {
@@ -127,7 +128,7 @@ void path_finish(const Space *space, Path *p)
     p->share = !in ? 0 : 1;
     if (in && space->part != WHOLE) {
         bool bidirectional = space->bidirectional && !reach_is_direct(reach);
-        p->share = space_share(space, p->pixel, bidirectional ? path_bidirectional_value(p) : traced_value(p, reach), reach);
+        p->share = space_share(space, p->pixel, bidirectional ? path_bidirectional_value(p) : traced_value(space->scene, p, reach), reach);
     }
     p->chi = p->share * luminance(p->colour) * (space->film ? (double)space->film[p->pixel].weight : 1);
 }

@@ -76,7 +76,7 @@ typedef struct {
     uint32_t pixel;
     Rgb rgb;                   /* f / sum of the densities of all techniques (balance heuristic), whatever its share */
     double weight;             /* the same of the target f*: luminance times w(pixel), times the share */
-    double value;              /* by which it is capped: path_traced_value, or path_bidirectional_value */
+    double value;              /* by which it is capped, if the space has a film: path_traced_value, or path_bidirectional_value */
     double share;              /* of f that the space holds */
     Reach reach;               /* path_reach */
 } Candidate;
@@ -112,7 +112,7 @@ Reach path_reach(const Path *path);
 /* Luminance of f/p, p the density with which a path tracer finds the path: growing it from the lens until it meets the light by itself, or
  * joining x_1 to a sampled light point (the balance heuristic over both), Russian roulette included as far as the first of them meets it. At glass it draws
  * the mode, and p has the mode's chance in it, but for direct light, for which it goes both ways. */
-double path_traced_value(const Path *path);
+double path_traced_value(const Scene *scene, const Path *path);
 /* The same of a bidirectional path tracer (bdpt.h), Russian roulette included. */
 double path_bidirectional_value(const Path *path);
 /* Its chance to go on from a point, a function of that alone so that every technique can tell it. */

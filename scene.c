@@ -21,45 +21,6 @@ static void corners(const Mesh *m, uint32_t triangle, Vec3 out[3])
  * tree's own arithmetic, eightfold. Nearer surfaces than this cannot be told apart. */
 static double rounding(Vec3 p) { return 0x1p-21 * larger(larger(fabs(p.x), fabs(p.y)), larger(fabs(p.z), 0x1p-6)); }
 
-/* Alias table (Walker; Vose's construction): one random number picks a light in constant time. */
-static bool build_lights(Scene *s)
-{
-    const Mesh *m = &s->mesh;
-    for (uint32_t i = 0; i < m->n_triangles; i++) s->n_lights += material_emits(&m->material[m->triangle_material[i]]);
-    if (s->n_lights == 0) return true;
-    uint32_t n = s->n_lights, *work = malloc(n * sizeof *work);
-    s->light = malloc(n * sizeof *s->light);
-    s->light_alias = malloc(n * sizeof *s->light_alias);
-    s->light_threshold = malloc(n * sizeof *s->light_threshold);
-    if (!work || !s->light || !s->light_alias || !s->light_threshold) { free(work); return false; }
-    n = 0;
-    for (uint32_t i = 0; i < m->n_triangles; i++) {
-        const Material *material = &m->material[m->triangle_material[i]];
-        if (!material_emits(material)) continue;
-        Vec3 c[3];
-        corners(m, i, c);
-        s->light[n] = i;
-        s->light_threshold[n] = max3(material->ke) * 0.5 * length(cross(sub(c[1], c[0]), sub(c[2], c[0])));
-        s->power += s->light_threshold[n++];
-    }
-    uint32_t n_small = 0, n_large = n;             /* work: small ones from the left, large ones from the right */
-    for (uint32_t i = 0; i < n; i++) {
-        s->light_threshold[i] *= n / s->power;
-        s->light_alias[i] = i;
-        if (s->light_threshold[i] < 1) work[n_small++] = i;
-        else work[--n_large] = i;
-    }
-    while (n_small > 0 && n_large < n) {
-        uint32_t small = work[--n_small], large = work[n_large];
-        s->light_alias[small] = large;
-        s->light_threshold[large] -= 1 - s->light_threshold[small];
-        if (s->light_threshold[large] < 1) { n_large++; work[n_small++] = large; }
-    }
-    while (n_small > 0) s->light_threshold[work[--n_small]] = 1;   /* what rounding left over */
-    free(work);
-    return true;
-}
-
 static bool set_camera(Scene *s, const CameraSettings *c, const char *path, Report *report)
 {
     const Mesh *m = &s->mesh;
@@ -190,10 +151,11 @@ static bool build_tree(Scene *s, BvhEffort effort)
 static bool build(Scene *s, BvhEffort effort)
 {
     bool again = true;
-    if (!build_lights(s) || !build_tree(s, effort)) return false;
+    if (!lamps_build(s) || !build_tree(s, effort)) return false;
     for (int round = 0; again && round < 8; round++)
         if (!lift_lamps(s, &again) || (again && !build_tree(s, effort))) return false;
     lift_eye(s);
+    lamps_settle(s);
     return true;
 }
 
@@ -248,9 +210,7 @@ void scene_free(Scene *s)
 {
     mesh_free(&s->mesh);
     bvh_free(s->bvh);
-    free(s->light);
-    free(s->light_alias);
-    free(s->light_threshold);
+    lamps_free(s);
     free(s->rays);
     *s = (Scene){ 0 };
 }
@@ -260,7 +220,7 @@ size_t scene_bytes(const Scene *s)
     const Mesh *m = &s->mesh;
     size_t a_triangle = 16u + (m->triangle_normal ? 12u : 0u) + (m->triangle_uv ? 12u : 0u);
     return m->n_triangles * a_triangle + 12 * ((size_t)m->n_positions + m->n_normals) + 8 * (size_t)m->n_uvs
-         + 16 * (size_t)s->n_lights + bvh_bytes(s->bvh);
+         + lamps_bytes(s) + bvh_bytes(s->bvh);
 }
 
 /* The texel i of n; i is at most one off. */
@@ -351,19 +311,20 @@ bool scene_visible(const Scene *s, const Point *a, const Point *b)
     return !bvh_any(s->bvh, &ray);
 }
 
-void scene_sample_light(const Scene *s, const double random[3], Point *point)
+double scene_triangle_area(const Scene *s, uint32_t triangle)
 {
-    double pick = random[0] * s->n_lights;
-    uint32_t i = (uint32_t)pick;
-    if (pick - i >= s->light_threshold[i]) i = s->light_alias[i];
-    double u = random[1], v = random[2];
-    if (u + v > 1) { u = 1 - u; v = 1 - v; }
     Vec3 c[3];
-    corners(&s->mesh, s->light[i], c);
-    set_point(s, s->light[i], c, u, v, point);
+    corners(&s->mesh, triangle, c);
+    return 0.5 * length(cross(sub(c[1], c[0]), sub(c[2], c[0])));
 }
 
-double scene_light_pdf_a(const Scene *s, const Material *material) { return max3(material->ke) / s->power; }
+void scene_triangle_point(const Scene *s, uint32_t triangle, double u, double v, Point *point)
+{
+    Vec3 c[3];
+    if (u + v > 1) { u = 1 - u; v = 1 - v; }
+    corners(&s->mesh, triangle, c);
+    set_point(s, triangle, c, u, v, point);
+}
 
 void camera_lens_at(const Camera *camera, const double disk[2], Point *lens)
 {

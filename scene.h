@@ -53,6 +53,8 @@ typedef struct {
     Surface surface;
 } Point;
 
+typedef struct LampTree LampTree;
+
 typedef struct {
     Mesh mesh;
     Bvh *bvh;
@@ -61,6 +63,7 @@ typedef struct {
     uint32_t *light;                   /* [n_lights] emitting triangles */
     double *light_threshold;           /* [n_lights] alias table: keep i below the threshold, else take light_alias[i] */
     uint32_t *light_alias;
+    LampTree *lamp_tree;               /* NULL where it does not pay */
     double power;                      /* sum over emitters of max(ke) * area: light sampling is in proportion to it */
     bool has_specular;
     double seconds_load, seconds_build;
@@ -79,10 +82,25 @@ bool scene_trace(const Scene *scene, const Point *from, Vec3 w, Point *hit);
 /* V(a,b): whether nothing lies between; both ends treated alike. */
 bool scene_visible(const Scene *scene, const Point *a, const Point *b);
 
-/* Uniform on a triangle that is picked in proportion to its power, for u uniform in [0,1)^3. Needs n_lights > 0. */
+/* Uniform on an emitting triangle that is picked in proportion to its power, for u uniform in [0,1)^3. Needs n_lights > 0. */
 void scene_sample_light(const Scene *scene, const double u[3], Point *point);
 /* p_A of scene_sample_light for any point of an emitting surface, also one that was hit by chance (per area, scene unit). */
 double scene_light_pdf_a(const Scene *scene, const Material *material);
+/* The same for light that is to arrive at a point, on the side of w: rather from lamps that are near and face it. Returns the density over p_A above, 0 if
+ * there is no such lamp; 'preference' tells it for a given point of a lamp, on whose side light then arrives. Both 1 where lamps hardly differ. */
+double scene_pick_light(const Scene *scene, const Point *at, Vec3 w, const double u[3], Point *point);
+double scene_light_preference(const Scene *scene, const Point *at, const Point *light);
+
+/* Of a triangle: its area, and the point uniform on it for u, v uniform in [0,1). */
+double scene_triangle_area(const Scene *scene, uint32_t triangle);
+void scene_triangle_point(const Scene *scene, uint32_t triangle, double u, double v, Point *point);
+
+/* lamps.c, for scene.c: fills n_lights and what follows it, once the mesh is there (false if memory runs out); drops the tree if it would not
+ * pay, once everything else is there; frees; counts. */
+bool lamps_build(Scene *scene);
+void lamps_settle(Scene *scene);
+void lamps_free(Scene *scene);
+size_t lamps_bytes(const Scene *scene);
 
 /* A point of the lens, uniform. */
 void camera_sample_lens(const Camera *camera, Rng *rng, Point *lens);

@@ -11,14 +11,15 @@ static Rgb sampled_light(const Space *space, const Point *at, Vec3 known, const 
 {
     Point light;
     Scatter s;
-    scene_sample_light(space->scene, u, &light);
+    double preference = scene_pick_light(space->scene, at, known, u, &light);
+    if (!(preference > 0)) return vec3(0, 0, 0);
     Vec3 d = sub(light.p, at->p);
     double squared = dot(d, d);
     Vec3 w = scale(1 / sqrt(squared), d);
     double cos_light = -dot(w, light.surface.ng), cos_here = fabs(dot(w, at->surface.ng));
     if (!(squared > 0) || cos_light <= 0 || !bsdf_scatter(&at->surface, w, known, MODE_NONE, &s)) return vec3(0, 0, 0);
     const Material *m = light.surface.material;
-    double pdf_a = scene_light_pdf_a(space->scene, m), G = cos_light * cos_here / squared;
+    double pdf_a = preference * scene_light_pdf_a(space->scene, m), G = cos_light * cos_here / squared;
     double scattering_pdf_a = bsdf_pdf_pw(&at->surface, known, w) * G;
     if (!scene_visible(space->scene, at, &light)) return vec3(0, 0, 0);
     return scale(G / (s.inv_F * (pdf_a + scattering_pdf_a)), mul(m->ke, s.colour));
@@ -128,7 +129,7 @@ static void walk_on(Found *f, Walk *walk)
             if (pdf_pw > 0) {
                 Vec3 d = sub(next->point.p, v->point.p);
                 double scattering_pdf_a = pdf_pw * cos_light * fabs(dot(walk->w, from->ng)) / dot(d, d);
-                share = scattering_pdf_a / (scattering_pdf_a + scene_light_pdf_a(scene, m));
+                share = scattering_pdf_a / (scattering_pdf_a + scene_light_preference(scene, &v->point, &next->point) * scene_light_pdf_a(scene, m));
             }
             find(f, walk, scale(share, mul(walk->throughput, m->ke)), 0, direct);
         }

@@ -145,6 +145,7 @@ static void test_scenes(void)
         { "test/scenes/direct.obj", 6, true, true, false, { 48, 24, 96, 6000 } },
         { "test/scenes/lens-dof.obj", 5, true, true, false, { 48, 24, 96, 6000 } },
         { "test/scenes/texture.obj", 4, true, true, true, { 48, 16, 96, 4000 } },
+        { "test/scenes/lamps.obj", 5, true, true, true, { 48, 24, 96, 6000 } },
     };
     for (size_t i = 0; i < sizeof list / sizeof list[0]; i++) {
         Scene scene;
@@ -284,7 +285,7 @@ static void compare_value(void *context, const Candidate *c)
 {
     Values *v = context;
     if (!bdpt_path(v->bdpt, v->space, c->n_light, c->n_lens, v->path)) return;
-    v->worst = fmax(v->worst, fabs(c->value / path_traced_value(v->path) - 1));
+    v->worst = fmax(v->worst, fabs(c->value / path_traced_value(v->space->scene, v->path) - 1));
     v->worst_joined = fmax(v->worst_joined, fabs(luminance(c->rgb) / path_bidirectional_value(v->path) - 1));
     v->n++;
     v->short_ones += v->path->k == 1;
@@ -342,26 +343,30 @@ static void test_bound(const Space *capped)
 static void test_divided(void)
 {
     static Pixel film[FILM * FILM];
-    for (int i = 0; i < FILM * FILM; i++) film[i] = (Pixel){ .weight = 1, .threshold = 0.02f * (float)(1 + i % 7) };
-    Scene scene;
-    int depth = 6, n = (int)(100 * factor);
-    if (!load(&scene, "scenes/cornell.obj")) return;
-    printf("scenes/cornell.obj divided\n");
-    Space whole = { .scene = &scene, .max_depth = depth, .direct = DIRECT_INCLUDED }, capped = whole, rest = whole;
-    capped.film = rest.film = film;
-    capped.part = CAPPED;
-    rest.part = REST;
-    rest.direct = DIRECT_EXCLUDED;
-    test_values(&whole);
-    test_bound(&capped);
-    Sampler sampler = sampler_for(&scene, ~0u);
-    uint64_t bootstrap = (uint64_t)(20000 * factor), chains = (uint64_t)(1000 * factor);
-    Group path = traced_group(&whole, n), part = traced_group(&capped, n), chain = chain_group(&rest, &sampler, bootstrap, chains, 60, splat);
-    Group faulty = chain_group(&rest, &sampler, bootstrap, chains, 60, splat_whole), both = sum(&part, &chain), wrong = sum(&part, &faulty);
-    agree("path, capped + rest", &path, &both, BY_TILES);
-    disagree("the chains record all of f", &path, &wrong, BY_TILES);
-    disagree("the rest left out", &path, &part, BY_TILES);
-    scene_free(&scene);
+    static const char *const file[] = { "scenes/cornell.obj", "test/scenes/lamps.obj" };
+    for (int f = 0; f < 2; f++) {
+        for (int i = 0; i < FILM * FILM; i++) film[i] = (Pixel){ .weight = 1, .threshold = 0.02f * (float)(1 + i % 7) };
+        Scene scene;
+        int depth = 6, n = (int)(100 * factor);
+        if (!load(&scene, file[f])) continue;
+        printf("%s divided\n", file[f]);
+        Space whole = { .scene = &scene, .max_depth = depth, .direct = DIRECT_INCLUDED }, seen = whole, capped, rest;
+        seen.film = film;
+        capped = rest = seen;
+        capped.part = CAPPED;
+        rest.part = REST;
+        rest.direct = DIRECT_EXCLUDED;
+        test_values(&seen);
+        test_bound(&capped);
+        Sampler sampler = sampler_for(&scene, ~0u);
+        uint64_t bootstrap = (uint64_t)(20000 * factor), chains = (uint64_t)(1000 * factor);
+        Group path = traced_group(&whole, n), part = traced_group(&capped, n), chain = chain_group(&rest, &sampler, bootstrap, chains, 60, splat);
+        Group faulty = chain_group(&rest, &sampler, bootstrap, chains, 60, splat_whole), both = sum(&part, &chain), wrong = sum(&part, &faulty);
+        agree("path, capped + rest", &path, &both, BY_TILES);
+        disagree("the chains record all of f", &path, &wrong, BY_TILES);
+        disagree("the rest left out", &path, &part, BY_TILES);
+        scene_free(&scene);
+    }
 }
 
 /* Lamps seen through glass and in it, capped at thresholds far below their radiance: what run_spread hands on makes up for what is cut off. */

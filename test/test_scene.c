@@ -2,6 +2,8 @@
 #include "check.h"
 #include "folder.h"
 #include "scene.h"
+#include "statistics.h"
+#include <stdlib.h>
 
 static bool load(Scene *s, const char *obj, Vec3 eye, Vec3 look)
 {
@@ -65,6 +67,96 @@ static void test_lamps(void)
         CHECK(s.mesh.n_positions == 4);
         scene_free(&s);
     }
+}
+
+/* ---- which lamp to look at from a point ---- */
+
+/* Of every lamp by itself: the chance that it is picked for the point, and how often it was. */
+typedef struct { double expected, by_power; int picked; } Tally;
+
+/* How unlikely the counts are, as a normal deviate, if lamps are picked as told, or by their power; rare ones together. */
+static double deviate(const Tally *tally, uint32_t n, double samples, bool by_power)
+{
+    double chi_square = 0, rest = 0, rest_picked = 0, none = 1;
+    int cells = 0, picked = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        double expected = samples * (by_power ? tally[i].by_power : tally[i].expected);
+        none -= expected / samples;
+        picked += tally[i].picked;
+        if (expected < 10) { rest += expected; rest_picked += tally[i].picked; continue; }
+        chi_square += (tally[i].picked - expected) * (tally[i].picked - expected) / expected;
+        cells++;
+    }
+    rest += samples * none;                    /* where nothing arrives from what the tree has */
+    rest_picked += samples - picked;
+    if (rest > 10) { chi_square += (rest_picked - rest) * (rest_picked - rest) / rest; cells++; }
+    return chi_square_deviate(chi_square, cells - 1);
+}
+
+static void test_preference(void)
+{
+    enum { SAMPLES = 20000, POINTS = 40 };
+    static const char *const file[] = { "test/scenes/lamps.obj", "scenes/glossy.obj" };
+    for (int f = 0; f < 2; f++) {
+        Scene s;
+        Report report = { .warnings = NULL };
+        const CameraSettings as_it_is = { .has_eye = false };
+        double worst_density = 0, worst_sum = 0, worst = -INFINITY, least_by_power = INFINITY, highest = 0, lost = 0;
+        if (!CHECK(scene_load(&s, file[f], &as_it_is, BVH_FAST, &report) && s.lamp_tree)) continue;
+        Tally *tally = malloc(s.n_lights * sizeof *tally);
+        Rng rng = rng_new(4, 0);
+        for (int i = 0; i < POINTS; i++) {
+            Point at, light;
+            Vec3 w;
+            do {                               /* what the eye sees, and where that scatters to */
+                camera_sample_lens(&s.camera, &rng, &light);
+                w = camera_direction(&s.camera, &light, s.camera.width * rng_double(&rng), s.camera.height * rng_double(&rng));
+            } while (!scene_trace(&s, &light, w, &at));
+            w = neg(w);
+            if (i % 2 == 1) {
+                light = at;
+                Vec3 on = sample_cosine(dot(w, at.surface.ng) < 0 ? neg(at.surface.ng) : at.surface.ng, &rng);
+                if (scene_trace(&s, &light, on, &at)) w = neg(on);
+            }
+            double sum = 0;
+            for (uint32_t l = 0; l < s.n_lights; l++) {
+                static const double place[3][2] = { { 0.01, 0.01 }, { 0.98, 0.01 }, { 0.01, 0.98 } };
+                double preference = 0;
+                for (int k = 0; k < 3; k++) {  /* some of a lamp may be below the horizon */
+                    scene_triangle_point(&s, s.light[l], place[k][0], place[k][1], &light);
+                    if (dot(sub(light.p, at.p), at.surface.ng) * dot(w, at.surface.ng) > 0) preference = scene_light_preference(&s, &at, &light);
+                }
+                double by_power = scene_triangle_area(&s, s.light[l]) * scene_light_pdf_a(&s, light.surface.material);
+                tally[l] = (Tally){ preference * by_power, by_power, 0 };
+                highest = fmax(highest, preference);
+                sum += preference * by_power;
+            }
+            worst_sum = fmax(worst_sum, sum);
+            for (int n = 0; n < SAMPLES; n++) {
+                const double u[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
+                double density = scene_pick_light(&s, &at, w, u, &light);
+                if (!(density > 0)) { lost++; continue; }
+                uint32_t l = 0;
+                while (s.light[l] != light.triangle) l++;
+                tally[l].picked += tally[l].expected > 0;
+                if (dot(sub(light.p, at.p), at.surface.ng) * dot(w, at.surface.ng) > 0)
+                    worst_density = fmax(worst_density, fabs(density - scene_light_preference(&s, &at, &light)));
+            }
+            worst = fmax(worst, deviate(tally, s.n_lights, SAMPLES, false));
+            least_by_power = fmin(least_by_power, deviate(tally, s.n_lights, SAMPLES, true));
+        }
+        printf("%s: lamps picked up to %.3g times as often as by power; chi-square of picks at most %.2f, by power at least %.0f; lost %.2g\n", file[f], highest, worst,
+               least_by_power, lost / SAMPLES / POINTS);
+        CHECK(worst_density == 0);
+        CHECK(worst_sum < 1 + 1e-5);
+        CHECK(worst < 4.5 && least_by_power > 10 && highest > 3);
+        free(tally);
+        scene_free(&s);
+    }
+    Scene one;                                 /* nothing to choose from */
+    if (!load(&one, "mtllib a.mtl\nusemtl lamp\n" LAMP "f -4 -3 -2 -1\n", vec3(0, -0.5, 3), vec3(0, 0, 0))) return;
+    CHECK(one.n_lights == 2 && !one.lamp_tree);
+    scene_free(&one);
 }
 
 /* ---- the eye ---- */
@@ -146,6 +238,7 @@ static void test_textures(void)
 int main(void)
 {
     test_lamps();
+    test_preference();
     test_eye();
     test_textures();
     return check_report();
