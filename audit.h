@@ -19,7 +19,7 @@ bool audit(const Space *space, const Sampler *sampler, int only, const Bootstrap
 
 /* ---- definitions that the audit multiplies and explain.c prints ---- */
 
-enum { BIDIR, LENS, CAUSTIC, CHAIN, SUBPATH };                /* rows of mutation_table */
+enum { BIDIR, LENS, CAUSTIC, CHAIN, SUBPATH, MANIFOLD };      /* rows of mutation_table */
 
 /* Whether the chain may choose row r at x. */
 static inline bool may_choose(const Space *space, const Sampler *s, const Path *x, int r) { return s->share[r] > 0 && s->table[r].applies(space, x); }

@@ -148,6 +148,16 @@ bool bsdf_follow(const Surface *s, Vec3 known, Mode mode, Vec3 *w)
     return side(*w, s, &w_s) * known_g < 0;
 }
 
+Vec3 bsdf_follow_change(const Surface *s, Vec3 known, Mode mode, Vec3 d_known, Vec3 d_ns)
+{
+    double known_s = dot(known, s->ns), change = dot(d_known, s->ns) + dot(known, d_ns), cos_t;
+    if (mode == MODE_REFLECT) return add(neg(d_known), scale(2, along(scale(change, s->ns), known_s, d_ns)));
+    double eta = relative_index(s->material, known_s);
+    bsdf_fresnel(fabs(known_s), eta, &cos_t);
+    double along_ns = known_s / eta - copysign(cos_t, known_s), change_along = change * (1 / eta - fabs(known_s) / (eta * eta * cos_t));
+    return along(along(scale(-1 / eta, d_known), change_along, s->ns), along_ns, d_ns);
+}
+
 static bool sample_specular(const Surface *s, Vec3 known, Rng *rng, Vec3 *w, Mode *mode)
 {
     double known_s, cos_t;

@@ -68,6 +68,9 @@ bool bsdf_sample_at(const Surface *surface, Vec3 known, const double disk[2], Rn
  * reflection, no specular mode at all at a diffuse surface. */
 bool bsdf_follow(const Surface *surface, Vec3 known, Mode mode, Vec3 *w);
 
+/* By how much that direction changes, to first order, if the known one changes by d_known and the shading normal by d_ns. */
+Vec3 bsdf_follow_change(const Surface *surface, Vec3 known, Mode mode, Vec3 d_known, Vec3 d_ns);
+
 /* p of bsdf_sample per projected solid angle (n_g) for a non-specular surface; 0 on the wrong side. */
 double bsdf_pdf_pw(const Surface *surface, Vec3 known, Vec3 w);
 

@@ -340,7 +340,8 @@ static Product perturbation_R(int row, const Path *p, int m)
     return r;
 }
 
-static void print_R(FILE *out, int row, const Named *n, const char *y, const char *x, int m, double R)
+/* 'spread' is 0 where there is none. */
+static void print_R(FILE *out, int row, const Named *n, const char *y, const char *x, int m, double spread, double R)
 {
     Product p = perturbation_R(row, n->path, m);
     fprintf(out, "  along %s:\n", y);
@@ -348,8 +349,9 @@ static void print_R(FILE *out, int row, const Named *n, const char *y, const cha
     print_chi(out, n, y);
     fprintf(out, "  R(%s|%s) = chi(%s) ", y, x, y);
     print_product(out, n, &p, false);
-    fprintf(out, " = %.9g * ", n->path->chi);
+    fprintf(out, "%s = %.9g * ", spread > 0 ? " |dw/dx_0|" : "", n->path->chi);
     print_product(out, n, &p, true);
+    if (spread > 0) fprintf(out, " * %.9g", spread);
     fprintf(out, " = %.9g\n", R);
 }
 
@@ -376,6 +378,10 @@ static void print_perturbation(FILE *out, int row, const Tuning *t, const Named 
     }
     for (int i = b->k - 1; i > m && row != CAUSTIC && row != SUBPATH; i--) {
         if (path_specular(b, i)) continue;
+        if (row == MANIFOLD && i == manifold_diffuse(b)) {
+            fprintf(out, "  at %s the direction is searched for that leads to the same x_0\n", vertex_name(y, i, name));
+            continue;
+        }
         fprintf(out, "  at %s the old direction towards the light", vertex_name(y, i, name));
         print_turn(out, t, a->v[i - 1].to_lens, b->v[i - 1].to_lens);
     }
@@ -384,9 +390,9 @@ static void print_perturbation(FILE *out, int row, const Tuning *t, const Named 
           : "  Modes are copied, not drawn: q counts as 1, and q S = F stands where S = F/F would. A turned direction leaves F |cos|. Steps are\n"
             "  as likely there as back, so their density cancels.\n", out);
     fputs("\nTHERE\n", out);
-    print_R(out, row, y, "y", "x", m, move->R_yx);
+    print_R(out, row, y, "y", "x", m, move->spread_y, move->R_yx);
     fputs("\nAND BACK\n", out);
-    print_R(out, row, x, "x", "y", m, move->R_xy);
+    print_R(out, row, x, "x", "y", m, move->spread_x, move->R_xy);
 }
 
 /* ---- a step of the chain ---- */

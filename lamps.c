@@ -297,10 +297,14 @@ static uint32_t any_lamp(const Scene *s, double u)
     return pick - i < s->light_threshold[i] ? i : s->light_alias[i];
 }
 
-void scene_sample_light(const Scene *s, const double random[3], Point *point)
+/* Uniform on a lamp. */
+static void point_of(const Scene *s, uint32_t lamp, double u, double v, Point *point)
 {
-    scene_triangle_point(s, s->light[any_lamp(s, random[0])], random[1], random[2], point);
+    bool fold = u + v > 1;
+    scene_triangle_point(s, s->light[lamp], fold ? 1 - u : u, fold ? 1 - v : v, point);
 }
+
+void scene_sample_light(const Scene *s, const double random[3], Point *point) { point_of(s, any_lamp(s, random[0]), random[1], random[2], point); }
 
 double scene_light_pdf_a(const Scene *s, const Material *material) { return max3(material->ke) / s->power; }
 
@@ -324,7 +328,7 @@ double scene_pick_light(const Scene *s, const Point *at, Vec3 w, const double ra
         if (!(chance > 0)) return 0;
         lamp = tree->lamp[place];
     }
-    scene_triangle_point(s, s->light[lamp], random[1], random[2], point);
+    point_of(s, lamp, random[1], random[2], point);
     return preference(s, chance, point);
 }
 

@@ -38,6 +38,7 @@ typedef struct {
     double p_d1_y, p_d2_y, p_a1_y, p_a2_y, routes_x;   /* and back */
     /* the other rows: x_first .. x_last were moved */
     int first, last;
+    double spread_x, spread_y; /* manifold: manifold_spread */
 } Move;
 
 /* The constant that scales a row's steps, so that a pilot can tune it by how many of them are accepted. */
@@ -56,8 +57,8 @@ typedef struct {
 
 /* A lens perturbation for L S+ E, the whole path: not in the table, for no chain of a bootstrap has such paths to itself. */
 extern const Mutation seen_mutation;
-enum { MUTATIONS = 5 };
-extern const Mutation mutation_table[MUTATIONS];   /* bidir, lens, caustic, chain, subpath */
+enum { MUTATIONS = 6 };
+extern const Mutation mutation_table[MUTATIONS];   /* bidir, lens, caustic, chain, subpath, manifold */
 
 /* The parts of the bidirectional mutation's T, also for tests and 'explain'. */
 double bidir_p_d1(int k, int k_d);                          /* 1 <= k_d <= k+2 */
@@ -82,4 +83,16 @@ double caustic_R(const Path *y, int m);
 
 bool bidir_applies(const Space *space, const Path *x);
 Outcome bidir_propose(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move);
+
+/* Steps of perturbations, for manifold.c too. Moves x_{m+1} .. x_{k-1}, starting on the film, modes copied and directions turned, and sets y_m. */
+Outcome perturb_walk(const Space *space, const Tuning *tuning, const Path *x, Path *y, int m, Rng *rng);
+/* What follows when all points stand: evaluates y_from .. y_to; the edge to v[joined + 1] is still open. */
+Outcome perturb_evaluate(const Space *space, Path *y, int from, int to, int joined);
+
+bool manifold_applies(const Space *space, const Path *x);
+Outcome manifold_propose(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move);
+/* The D next to the light of a path L S+ D (S+ D)* S+ E; 0 if it is another, or has a great many specular vertices there. */
+int manifold_diffuse(const Path *x);
+/* Of such a path: solid angle at that D over area at x_0, through the specular vertices between, |dw/dx_0|; with none it would be cos/r^2. */
+double manifold_spread(const Scene *scene, const Path *x);
 #endif

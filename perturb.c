@@ -57,8 +57,7 @@ double caustic_R(const Path *y, int m)
     return y->chi / inverse;
 }
 
-/* What follows when all points stand: evaluates y_from .. y_to; the edge to v[joined + 1] is still open. */
-static Outcome evaluate(const Space *space, Path *y, int from, int to, int joined)
+Outcome perturb_evaluate(const Space *space, Path *y, int from, int to, int joined)
 {
     if (joined >= 0 && !path_edge(y, joined)) return ZERO_SIDE;
     for (int i = to; i >= from; i--)
@@ -75,8 +74,7 @@ static void keep_ends(const Path *x, Path *y, int last_kept)
     y->v[x->k] = x->v[x->k];
 }
 
-/* Moves x_m .. x_{k-1}, starting on the film. */
-static Outcome walk_to_light(const Space *space, const Tuning *tuning, const Path *x, Path *y, int m, Rng *rng, Move *move)
+Outcome perturb_walk(const Space *space, const Tuning *tuning, const Path *x, Path *y, int m, Rng *rng)
 {
     const Camera *camera = &space->scene->camera;
     Vec3 step = sample_turned(vec3(0, 0, 1), 0, draw_step(tuning->r2, tuning->log_r, rng), rng);
@@ -95,7 +93,14 @@ static Outcome walk_to_light(const Space *space, const Tuning *tuning, const Pat
         v[-1].mode = MODE_NONE;
         if (!scene_trace(space->scene, &v->point, w, &v[-1].point) || !path_edge(y, i - 1)) return ZERO_LOST;
     }
-    Outcome outcome = evaluate(space, y, m > 0 ? m - 1 : 0, y->k, m - 1);
+    return PROPOSED;
+}
+
+/* Moves x_m .. x_{k-1}, starting on the film. */
+static Outcome walk_to_light(const Space *space, const Tuning *tuning, const Path *x, Path *y, int m, Rng *rng, Move *move)
+{
+    Outcome outcome = perturb_walk(space, tuning, x, y, m, rng);
+    if (outcome == PROPOSED) outcome = perturb_evaluate(space, y, m > 0 ? m - 1 : 0, y->k, m - 1);
     if (outcome != PROPOSED) return outcome;
     *move = (Move){ .R_yx = lens_R(y, m), .R_xy = lens_R(x, m), .joined = m - 1, .first = m, .last = x->k - 1 };
     return PROPOSED;
@@ -140,7 +145,7 @@ static Outcome caustic_propose(const Space *space, const Tuning *tuning, const P
         v[1].mode = MODE_NONE;
         if (!scene_trace(space->scene, &v->point, w, &v[1].point) || !path_edge(y, i)) return ZERO_LOST;
     }
-    Outcome outcome = evaluate(space, y, m, k, k - 1);
+    Outcome outcome = perturb_evaluate(space, y, m, k, k - 1);
     if (outcome != PROPOSED) return outcome;
     *move = (Move){ .R_yx = caustic_R(y, m), .R_xy = caustic_R(x, m), .joined = k - 1, .first = m + 1, .last = k - 1 };
     return PROPOSED;
@@ -170,7 +175,7 @@ static Outcome subpath_propose(const Space *space, const Tuning *tuning, const P
     } while (material_is_specular(y->v[i].point.surface.material));
     y->k -= i - m;
     memmove(y->v + m, y->v + i, (size_t)(y->k - m + 1) * sizeof y->v[0]);
-    Outcome outcome = evaluate(space, y, m - 1, y->k, m - 1);
+    Outcome outcome = perturb_evaluate(space, y, m - 1, y->k, m - 1);
     if (outcome != PROPOSED) return outcome;
     *move = (Move){ .R_yx = subpath_R(y, m), .R_xy = subpath_R(x, m), .joined = m - 1, .first = m, .last = x->k - 1 };
     return PROPOSED;
@@ -182,6 +187,7 @@ const Mutation mutation_table[MUTATIONS] = {
     { "caustic", 3, true, caustic_applies, caustic_propose, STEP_TURN },
     { "chain", 3, true, chain_applies, lens_propose, STEP_NONE },
     { "subpath", 1, false, lens_applies, subpath_propose, STEP_NONE },
+    { "manifold", 0.3, true, manifold_applies, manifold_propose, STEP_NONE },
 };
 
 static bool seen_applies(const Space *space, const Path *x)

@@ -275,8 +275,7 @@ static void set_point(const Scene *s, uint32_t triangle, const Vec3 c[3], double
     }
 }
 
-/* Off the surface towards the side of w. A point on the lens stays. */
-static Vec3 leave_surface(const Point *from, Vec3 w)
+Vec3 scene_leave(const Point *from, Vec3 w)
 {
     if (from->triangle == BVH_NONE) return from->p;
     return along(from->p, copysign(rounding(from->p), dot(w, from->surface.ng)), from->surface.ng);
@@ -284,7 +283,7 @@ static Vec3 leave_surface(const Point *from, Vec3 w)
 
 bool scene_trace(const Scene *s, const Point *from, Vec3 w, Point *hit)
 {
-    Ray ray = { leave_surface(from, w), w, INFINITY, { from->triangle, BVH_NONE } };
+    Ray ray = { scene_leave(from, w), w, INFINITY, { from->triangle, BVH_NONE } };
     Hit h;
     ++*s->rays;
     if (!bvh_closest(s->bvh, &ray, &h)) return false;
@@ -305,8 +304,8 @@ bool scene_trace(const Scene *s, const Point *from, Vec3 w, Point *hit)
 
 bool scene_visible(const Scene *s, const Point *a, const Point *b)
 {
-    Vec3 d = sub(b->p, a->p), from = leave_surface(a, d);
-    Ray ray = { from, sub(leave_surface(b, neg(d)), from), 1, { a->triangle, b->triangle } };
+    Vec3 d = sub(b->p, a->p), from = scene_leave(a, d);
+    Ray ray = { from, sub(scene_leave(b, neg(d)), from), 1, { a->triangle, b->triangle } };
     ++*s->rays;
     return !bvh_any(s->bvh, &ray);
 }
@@ -321,9 +320,22 @@ double scene_triangle_area(const Scene *s, uint32_t triangle)
 void scene_triangle_point(const Scene *s, uint32_t triangle, double u, double v, Point *point)
 {
     Vec3 c[3];
-    if (u + v > 1) { u = 1 - u; v = 1 - v; }
     corners(&s->mesh, triangle, c);
     set_point(s, triangle, c, u, v, point);
+}
+
+Vec3 scene_normal_change(const Scene *s, const Point *at, Vec3 d_p)
+{
+    const Mesh *m = &s->mesh;
+    if (!m->triangle_normal || m->triangle_normal[at->triangle][0] == BVH_NONE) return vec3(0, 0, 0);
+    Vec3 c[3], normal[3];
+    corners(m, at->triangle, c);
+    for (int i = 0; i < 3; i++) normal[i] = from_float(m->normal[m->triangle_normal[at->triangle][i]]);
+    Vec3 e1 = sub(c[1], c[0]), e2 = sub(c[2], c[0]), across = cross(e1, e2), from = sub(at->p, c[0]), d1 = sub(normal[1], normal[0]), d2 = sub(normal[2], normal[0]);
+    double squared = dot(across, across), u = dot(cross(from, e2), across) / squared, v = dot(cross(e1, from), across) / squared;
+    double l = length(along(along(normal[0], u, d1), v, d2));
+    Vec3 d = add(scale(dot(cross(d_p, e2), across) / squared, d1), scale(dot(cross(e1, d_p), across) / squared, d2));
+    return l > 0 ? scale(1 / l, along(d, -dot(d, at->surface.ns), at->surface.ns)) : vec3(0, 0, 0);
 }
 
 void camera_lens_at(const Camera *camera, const double disk[2], Point *lens)

@@ -79,6 +79,11 @@ size_t scene_bytes(const Scene *scene);
  * and never meets the triangle it starts on; the hit is computed anew in double. */
 bool scene_trace(const Scene *scene, const Point *from, Vec3 w, Point *hit);
 
+/* Where a ray from there in direction w starts: off the surface, on the side of w. A point on the lens stays. */
+Vec3 scene_leave(const Point *from, Vec3 w);
+/* By how much the shading normal changes, to first order, if the point moves by d_p in the plane of its triangle. */
+Vec3 scene_normal_change(const Scene *scene, const Point *at, Vec3 d_p);
+
 /* V(a,b): whether nothing lies between; both ends treated alike. */
 bool scene_visible(const Scene *scene, const Point *a, const Point *b);
 
@@ -91,7 +96,7 @@ double scene_light_pdf_a(const Scene *scene, const Material *material);
 double scene_pick_light(const Scene *scene, const Point *at, Vec3 w, const double u[3], Point *point);
 double scene_light_preference(const Scene *scene, const Point *at, const Point *light);
 
-/* Of a triangle: its area, and the point uniform on it for u, v uniform in [0,1). */
+/* Of a triangle (a,b,c): its area, and the point (1-u-v) a + u b + v c, with the normal that it has there. */
 double scene_triangle_area(const Scene *scene, uint32_t triangle);
 void scene_triangle_point(const Scene *scene, uint32_t triangle, double u, double v, Point *point);
 

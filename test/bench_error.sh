@@ -50,11 +50,12 @@ for scene in ${SCENES:-cornell glossy door caustic pool}; do
     run "$scene" 'mlt bidir alone' --strategies bidir
     run "$scene" mlt
     [ "$name" = ways ] || continue
-    run "$scene" '- lens' --strategies bidir,caustic,chain,subpath
-    run "$scene" '- subpath' --strategies bidir,lens,caustic,chain
+    run "$scene" '- lens' --strategies bidir,caustic,chain,subpath,manifold
+    run "$scene" '- subpath' --strategies bidir,lens,caustic,chain,manifold
     case $scene in cornell | glossy) continue ;; esac       # nothing specular: never proposed
-    run "$scene" '- caustic' --strategies bidir,lens,chain,subpath
-    run "$scene" '- chain' --strategies bidir,lens,caustic,subpath
+    run "$scene" '- caustic' --strategies bidir,lens,chain,subpath,manifold
+    run "$scene" '- chain' --strategies bidir,lens,caustic,subpath,manifold
+    run "$scene" '- manifold' --strategies bidir,lens,caustic,chain,subpath
 done
 [ -x build/main/bench_plot ] || make -s build/main/bench_plot || exit 1
 build/main/bench_plot "$csv" "$folder"

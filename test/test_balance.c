@@ -63,7 +63,7 @@ static bool load(Scene *scene, const char *file, uint32_t film)
 
 /* ---- subjects ---- */
 
-enum { MAX_SUBJECTS = 16 };
+enum { MAX_SUBJECTS = MUTATIONS * (MUTATIONS + 1) / 2 };
 static Subject subject[MAX_SUBJECTS];
 static char names[MAX_SUBJECTS][64];
 static int subjects;
@@ -203,6 +203,10 @@ static const struct {
     } },
     { "tank", DIRECT_EXCLUDED, 5, 6, { .unit = 0.5, .cap = 3 }, 2e5, 8, 0.05, {
         { "subpath: pixels in scan order", SUBPATH, ALONE, NULL, subpath_scan },
+    } },
+    { "tank", DIRECT_EXCLUDED, 8, 0, { .unit = 0.5, .cap = 3 }, 3e5, 12, 0.05, {
+        { "manifold: right", MANIFOLD, ALONE, NULL, NULL },
+        { "manifold: |dw/dx_0| left out", MANIFOLD, ALONE, NULL, manifold_no_spread },
     } },
     { "test/scenes/underwater.obj", DIRECT_EXCLUDED, 8, 0, { .unit = 4, .cap = 17 }, 1e6, 12, 0.05, {
         { "lens: drawn S for a copied mode", LENS, ALONE, NULL, lens_drawn },

@@ -145,7 +145,7 @@ for option in output size eye look up fov aperture focus mutations time error se
               exposure save resume stats quiet verbose help version; do
     check "help names --$option" grep -q -- "--$option" stdout
 done
-for word in compare bidir,lens,caustic,chain,subpath bdpt apart; do check "help names $word" grep -q -- "$word" stdout; done
+for word in compare bidir,lens,caustic,chain,subpath,manifold bdpt apart; do check "help names $word" grep -q -- "$word" stdout; done
 for command in '' compare merge explain; do
     expect 0 $command --version
     check "version: $command" grep -qx 'mlt [0-9.]*' stdout
@@ -606,7 +606,7 @@ check 'triangles' test "$(value triangles out/stats)" -eq 6
 check 'bad_samples' test "$(value bad_samples out/stats)" -eq 0
 check 'memory' between 1e5 1e10 "$(value peak_bytes out/stats)"
 check 'b' between 1e-3 1e3 "$(value b out/stats)"
-for name in bidir lens caustic chain subpath; do check "strategy $name" grep -q "\"name\": \"$name\", \"proposed\": [0-9]*, \"zero\": [0-9]*, \"accepted\": [0-9]*" out/stats; done
+for name in bidir lens caustic chain subpath manifold; do check "strategy $name" grep -q "\"name\": \"$name\", \"proposed\": [0-9]*, \"zero\": [0-9]*, \"accepted\": [0-9]*" out/stats; done
 check 'proposals add up' awk -v all="$(value mutations out/stats)" '
     /"proposed"/ {
         gsub(/[^0-9,:]/, ""); split($0, part, /[,:]+/)

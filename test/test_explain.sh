@@ -157,6 +157,7 @@ for strategy in caustic chain; do
     check "$strategy: nothing specular moved" says "q S[<>]("
 done
 one --strategy chain --accepted "$root/scenes/pool.obj"
+for scene in pool caustic; do one --strategy manifold --accepted "$root/scenes/$scene.obj"; done
 check "chain: no turned direction" says "F|cos<|("
 check "chain: not accepted" says "The chain accepted y"
 for length in 3 6; do

@@ -45,6 +45,14 @@ static inline double chain_cosine(const Space *s, const Path *x)
     return product;
 }
 
+/* ---- the solid angle that arrives on an area of the lamp left out: the direction at D taken as if it were given ---- */
+
+static inline double join_of_spread(const Space *s, const Path *x) { return 1 / manifold_spread(s->scene, x); }
+static inline Outcome manifold_no_spread(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *rng, Move *move)
+{
+    return fault_factor(MANIFOLD, join_of_spread, s, t, x, y, rng, move);
+}
+
 /* ---- the choice of strategy left out of the ratio ---- */
 
 /* For a sampler with all rows of mutation_table at their shares. */

@@ -18,7 +18,7 @@ enum { FILM_WIDTH = 160, FILM_HEIGHT = 120, MOVES = 3000, PANEL = 2, GAP = 12, H
 
 static const char *const scene_name[] = { "door", "caustic", "pool" };
 enum { SCENES = sizeof scene_name / sizeof *scene_name };
-static const char *const colour[MUTATIONS] = { "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00" };
+static const char *const colour[MUTATIONS] = { "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9" };
 
 typedef struct { Scene scene; Space space; Bdpt *bdpt; Bootstrap boot; Path *x, *y; } Lab;
 
