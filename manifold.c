@@ -7,7 +7,7 @@
  *
  *     R(y|x) = chi(y) * product of S< * F |cos| at every D * |dw/dx_0| at the last * L_e          (without specular vertices: F G L_e, the join)
  *
- * The search has to find the way back to x from y, too, or there is none.
+ * From y the search has to find the way back to what it finds at x, or there is no such step.
  */
 #include "mutate.h"
 
@@ -153,5 +153,5 @@ Outcome manifold_propose(const Space *space, const Tuning *tuning, const Path *x
     *move = (Move){ .joined = -1, .first = 0, .last = x->k - 1, .spread_x = manifold_spread(scene, x), .spread_y = manifold_spread(scene, y) };
     move->R_yx = lens_R(y, 0) * move->spread_y;
     move->R_xy = lens_R(x, 0) * move->spread_x;
-    return PROPOSED;
+    return isfinite(move->R_yx) && isfinite(move->R_xy) ? PROPOSED : ZERO_NO_WAY;     /* all directions lead to one place: a focus */
 }

@@ -12,6 +12,9 @@ enum {
     UNKNOWN_ERROR = 10,            /* error times rays of the chains where a pilot has been too short for any: what is usual */
     MOST_ERROR = 32                /* of a second pilot over that of the first: rare paths may dominate it, of which it has had less than its share */
 };
+/* Samples of a path tracer fill their ranges evenly, and err less than their variance says. That matters where they are on their own (rays per ray of the
+ * chains) and rivalled by bidirectional ones: chains' errors are foretold too low. */
+static const double ALONE = 20, EVEN = 0.7;
 static const double SURVEY_SHARE = 0.1;    /* of the rays of the pilot's chains, for each kind, at least */
 
 /* What is capped is the path tracer's; or direct light is, and a bidirectional one has the rest of it. */
@@ -141,7 +144,7 @@ void run_survey(Render *r)
         if (power == 1) r->whole_error = fmin(error / r->left, MOST_ERROR * r->whole_error);
     }
     const double least[2] = { least_share(r, traced_seconds), least_share(r, joined_seconds * (joined_rays + DIRECT_RAYS) / joined_rays) };
-    for (int joined = 0; joined < 2; joined++)
+    for (int joined = 0; joined < 2; joined++) {
         for (int i = 0; i < CUTS; i++) {
             double left = (joined ? s.joined : s.traced).left[i] / s.indirect, sampled;
             if (joined)
@@ -152,13 +155,15 @@ void run_survey(Render *r)
             if ((i > 0 && !(left > 0)) || (i >= SURE_CUTS && above < LEAST_ABOVE)) break;   /* so few samples cannot tell that nothing is left */
             double path = sqrt(sampled), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
             double both = together(path, rest, least[joined]);
-            if (both >= 0.98 * best) continue;     /* a higher cap has to promise something */
+            if (both >= (path > ALONE * rest ? 1.02 : 0.98) * best) continue;      /* a higher cap has to promise something, if chains matter; else to cost nothing */
             best = both;
             r->bidirectional = joined;
             r->tau = tau_of(i);
             r->left = left;
             r->direct_share = fmax(path / rest, least[joined] / (1 - least[joined]));
         }
+        if (!joined && r->direct_share > ALONE) best *= EVEN;
+    }
     for (size_t i = 0; i < r->pixels; i++) r->film[i].threshold = (float)(r->tau / scale * (double)r->film[i].threshold);
     if (!(r->direct_share < run_most_share(r))) r->direct_share = run_most_share(r);
 }
