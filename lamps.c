@@ -1,8 +1,8 @@
 /* Lamps: which of them a path starts at, and which of them to look at from a point. See scene.h.
  *
- * Where many triangles emit, most of them hardly light a given point: they are far, or face away. The lamps stand in a binary tree whose nodes bound
- * the places and directions of what is below; a descent goes to either side in proportion to what that may at most send to the point, whatever is
- * between. [Conty Estevez and Kulla 2018] One random number serves all the way, so that even ones stay even. What is between may be a wall: now and
+ * Where many triangles emit, most of them hardly light a given point: they are far, or face away. The lamps stand in a tree whose nodes bound
+ * the places and directions of what is below each of up to eight children; a descent goes to one in proportion to what that may at most send to the point,
+ * whatever is between. [Conty Estevez and Kulla 2018] One random number serves all the way, so that even ones stay even. What is between may be a wall: now and
  * then a lamp is chosen by its power alone. Whether all that pays is tried out once, in places that paths from the camera come to.
  */
 #include "scene.h"

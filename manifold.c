@@ -1,6 +1,6 @@
-/* The manifold perturbation: L S+ D (S+ D)* S+ E moved on the film, while the point of the lamp stays. [Jakob and Marschner 2012: manifold exploration]
+/* The manifold perturbation: L S+ D (S+ D)* S* E moved on the film, while the point of the lamp stays. [Jakob and Marschner 2012: manifold exploration]
  *
- * Such a path cannot be joined anywhere. The multi-chain perturbation turns the direction at the D next to the light and hopes to meet the lamp
+ * Between D and the light such a path cannot be joined. The multi-chain perturbation turns the direction at the D next to the light and hopes to meet the lamp
  * again; if that is small, it seldom does. Here the direction is searched for: Newton's method, on the ray that leaves D, passes the specular vertices by
  * the copied modes and ought to arrive at x_0. In T(y|x) stand the step on the film, which is symmetric, and for the D a density that is constant over the
  * area of the lamp, which is |dx_0/dw| per solid angle:

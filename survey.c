@@ -155,8 +155,9 @@ void run_survey(Render *r)
             if ((i > 0 && !(left > 0)) || (i >= SURE_CUTS && above < LEAST_ABOVE)) break;   /* so few samples cannot tell that nothing is left */
             double path = sqrt(sampled), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
             double both = together(path, rest, least[joined]);
-            if (both >= (path > ALONE * rest ? 1.02 : 0.98) * best) continue;      /* a higher cap has to promise something, if chains matter; else to cost nothing */
-            best = both;
+            /* a higher cap has to promise something; where chains hardly matter, to cost nothing */
+            if (both >= (path > ALONE * rest && r->bidirectional == joined ? 1.02 : 0.98) * best) continue;
+            best = fmin(both, best);
             r->bidirectional = joined;
             r->tau = tau_of(i);
             r->left = left;

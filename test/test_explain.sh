@@ -185,6 +185,11 @@ for scene in cornell caustic; do
     check "audit of $scene: something is off" not says OFF
 done
 
+for scene in pool caustic; do
+    explain 0 --audit -n 3000 --strategy manifold "$root/scenes/$scene.obj"
+    check "audit of manifold in $scene: nothing compared" says "^manifold  *[1-9][0-9][0-9]"
+    check "audit of manifold in $scene: something is off" not says OFF
+done
 explain 0 --audit -n 2000 --strategy lens "$root/scenes/cornell.obj"
 check "audit of lens: no row" says "^lens  *[1-9]"
 check "audit of lens: another row" not says "^bidir"

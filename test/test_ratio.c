@@ -148,6 +148,7 @@ static void run_chains(const Space *space, const Sampler *sampler, const Bootstr
         for (int i = 0; i < CHAIN; i++, steps++) {
             int row = (int)rng_index(&rng, (uint32_t)sampler->rows);
             if (!(sampler->share[row] > 0) || !sampler->table[row].applies(space, x)) continue;
+            if (strcmp(sampler->table[row].name, "manifold") == 0) continue;   /* by differences, to another tolerance: test_explain.sh */
             Move move = { 0 };
             if (sampler->table[row].propose(space, &sampler->tuning, x, y, &rng, &move) != PROPOSED) continue;
             compare(space, sampler, sampler->table[row].name, x, y, &move, &worst[row]);
