@@ -498,8 +498,8 @@ Bvh *bvh_new(const float (*position)[3], const uint32_t (*triangle)[3], uint32_t
     if (room > UINT32_MAX / 2 || !n) room = n;
     Bvh *bvh = calloc(1, sizeof *bvh);
     Builder b = { .position = position, .triangle = triangle, .n_twigs = 1 };
-    b.part = aligned_alloc(sizeof *b.part, sizeof *b.part * (room + 1));
-    b.twig = aligned_alloc(sizeof(Quad), sizeof *b.twig * (2 * room + 2));
+    b.part = large_alloc(sizeof *b.part * (room + 1));
+    b.twig = large_alloc(sizeof *b.twig * (2 * room + 2));
     if (!bvh || !b.part || !b.twig) goto fail;
 
     for (uint32_t i = 0; i < n; i++) b.part[i] = part_of(&b, i);

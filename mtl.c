@@ -200,7 +200,7 @@ static bool new_material(Mtl *m, char *p)
         return true;
     }
     uint32_t count = library->names.n;
-    if (!array_grow(&library->entry, count, &library->entry_capacity, sizeof *library->entry)) return false;
+    if (!array_grow(&library->entry, count, &library->entry_capacity, sizeof *library->entry, 0)) return false;
     uint32_t i = names_add(&library->names, p, n);
     if (i == BVH_NONE) return false;
     if (i < count) {
@@ -330,7 +330,7 @@ static MtlTexture *find_texture(MtlLibrary *library, const char *path, Rgb facto
         if (!original) original = t;
     }
     size_t from = original ? (size_t)(original - library->texture) : 0;
-    if (!array_grow(&library->texture, library->n_textures, &library->texture_capacity, sizeof *library->texture)) return NULL;
+    if (!array_grow(&library->texture, library->n_textures, &library->texture_capacity, sizeof *library->texture, 0)) return NULL;
     MtlTexture t = { .path = malloc(strlen(path) + 1), .factor = factor };
     if (!t.path) return NULL;
     strcpy(t.path, path);

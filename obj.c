@@ -6,6 +6,7 @@
  * What makes the mesh wrong is an error with its line; what only spoils an attribute is a warning, and the attribute is dropped.
  * Must not know what an MTL statement means (mtl.c) or how numbers are read (text.c). */
 #include "obj.h"
+#include "cache.h"
 #include "mesh.h"
 #include "mtl.h"
 #include "text.h"
@@ -58,6 +59,13 @@ static bool number_error(Reader *r, char *p)
     return report_error(r->report, r->text.path, r->text.line, "'%s' %s", quote_token(p).text, number_fault(p));
 }
 
+/* Elements of a kind that the rest of the file may have. */
+static uint64_t likely(const Reader *r)
+{
+    enum { LINE = 16 };                        /* bytes: most are longer in files large enough to matter */
+    return (r->text.left + (uint64_t)(r->text.end - r->text.p)) / LINE;
+}
+
 /* Statements. Each gets the line from its first argument on and returns where it stopped reading, to be checked for leftovers by the caller,
  * or NULL after an error. Nothing is stored before the line is known to be right, as a line with leftovers may be read again (text_join). */
 
@@ -102,7 +110,7 @@ static char *read_position(Reader *r, char *p)
         }
     }
     Mesh *m = &r->mesh;
-    if (m->n_positions == r->positions_capacity && !array_grow(&r->position, m->n_positions, &r->positions_capacity, sizeof *r->position))
+    if (m->n_positions == r->positions_capacity && !array_grow(&r->position, m->n_positions, &r->positions_capacity, sizeof *r->position, likely(r)))
         return out_of_memory(r), NULL;
     memcpy(r->position[m->n_positions++], v, sizeof v);
     return end;
@@ -124,7 +132,7 @@ static char *read_uv(Reader *r, char *p)
         end = find_line_end(end);
     }
     Mesh *m = &r->mesh;
-    if (m->n_uvs == r->uvs_capacity && !array_grow(&m->uv, m->n_uvs, &r->uvs_capacity, sizeof *m->uv)) return out_of_memory(r), NULL;
+    if (m->n_uvs == r->uvs_capacity && !array_grow(&m->uv, m->n_uvs, &r->uvs_capacity, sizeof *m->uv, likely(r))) return out_of_memory(r), NULL;
     m->uv[m->n_uvs][0] = (float)v[0];
     m->uv[m->n_uvs++][1] = (float)v[1];
     return end;
@@ -146,7 +154,7 @@ static char *read_normal(Reader *r, char *p)
         end = find_line_end(end);
     }
     Mesh *m = &r->mesh;
-    if (m->n_normals == r->normals_capacity && !array_grow(&m->normal, m->n_normals, &r->normals_capacity, sizeof *m->normal))
+    if (m->n_normals == r->normals_capacity && !array_grow(&m->normal, m->n_normals, &r->normals_capacity, sizeof *m->normal, likely(r)))
         return out_of_memory(r), NULL;
     float *normal = m->normal[m->n_normals++];
     for (int i = 0; i < 3; i++) normal[i] = (float)(v[i] * (1 / l));
@@ -227,7 +235,7 @@ static char *read_corners(Reader *r, char *p, uint32_t *n)
         p = skip_blanks(p);
         *n = k;
         if (is_stop(*p) || *p == '\\') return p;
-        if (k == r->corners_capacity && !array_grow(&r->corner, k, &r->corners_capacity, sizeof *r->corner)) return out_of_memory(r), NULL;
+        if (k == r->corners_capacity && !array_grow(&r->corner, k, &r->corners_capacity, sizeof *r->corner, 0)) return out_of_memory(r), NULL;
         p = read_corner(r, p, &r->corner[k]);
         if (!p) return NULL;
     }
@@ -237,19 +245,24 @@ static char *read_corners(Reader *r, char *p, uint32_t *n)
 static bool grow_triangles(Reader *r)
 {
     Mesh *m = &r->mesh;
-    uint32_t n = m->n_triangles, capacity = r->triangles_capacity, c = capacity;
-    if (!array_grow(&m->triangle, n, &c, sizeof *m->triangle)) return out_of_memory(r);
-    if (m->triangle_normal && !array_grow(&m->triangle_normal, n, (c = capacity, &c), sizeof *m->triangle_normal)) return out_of_memory(r);
-    if (m->triangle_uv && !array_grow(&m->triangle_uv, n, (c = capacity, &c), sizeof *m->triangle_uv)) return out_of_memory(r);
-    if (!array_grow(&m->triangle_material, n, (c = capacity, &c), sizeof *m->triangle_material)) return out_of_memory(r);
-    r->triangles_capacity = c;
+    const struct { void *array; size_t item_size; } grown[] = {
+        { &m->triangle, sizeof *m->triangle }, { &m->triangle_material, sizeof *m->triangle_material },
+        { m->triangle_normal ? &m->triangle_normal : NULL, sizeof *m->triangle_normal }, { m->triangle_uv ? &m->triangle_uv : NULL, sizeof *m->triangle_uv } };
+    uint32_t least = UINT32_MAX;
+    for (size_t i = 0; i < sizeof grown / sizeof *grown; i++) {
+        uint32_t capacity = r->triangles_capacity;
+        if (!grown[i].array) continue;
+        if (!array_grow(grown[i].array, m->n_triangles, &capacity, grown[i].item_size, likely(r))) return out_of_memory(r);
+        least = capacity < least ? capacity : least;
+    }
+    r->triangles_capacity = least;
     return true;
 }
 
 /* An array of attributes in which the triangles so far have none. */
 static bool begin_attribute(Reader *r, uint32_t (**attribute)[3])
 {
-    *attribute = malloc(r->triangles_capacity * sizeof **attribute);
+    *attribute = large_alloc(r->triangles_capacity * sizeof **attribute);
     if (!*attribute) return out_of_memory(r);
     for (uint32_t i = 0; i < r->mesh.n_triangles; i++) mesh_set3((*attribute)[i], BVH_NONE, BVH_NONE, BVH_NONE);
     return true;
@@ -263,7 +276,7 @@ static bool add_face(Reader *r, uint32_t n)
         return true;
     }
     if (n > 3) {
-        if (!array_grow(&r->polygon, r->n_polygons, &r->polygons_capacity, sizeof *r->polygon)) return out_of_memory(r);
+        if (!array_grow(&r->polygon, r->n_polygons, &r->polygons_capacity, sizeof *r->polygon, 0)) return out_of_memory(r);
         r->polygon[r->n_polygons++] = (MeshPolygon){ m->n_triangles, n };
     }
     const Corner *a = r->corner;
@@ -300,7 +313,7 @@ static bool use_material(Reader *r, char *p)
         warn(r, "usemtl without a name");
         return true;
     }
-    if (!array_grow(&r->used_line, before, &r->lines_capacity, sizeof *r->used_line)) return out_of_memory(r);
+    if (!array_grow(&r->used_line, before, &r->lines_capacity, sizeof *r->used_line, 0)) return out_of_memory(r);
     r->material = names_add(&r->used, p, n);
     if (r->material == BVH_NONE) return out_of_memory(r);
     if (r->material == before) r->used_line[before] = r->text.line;
@@ -436,7 +449,7 @@ static bool bind_materials(Reader *r)
             if (name && number == BVH_NONE)
                 note_name(&r->notes, r->text.path, r->used_line[used], "unknown material, 0.5 grey is used:", name, strlen(name));
             if (*known == BVH_NONE) {
-                ok = array_grow(&m->material, m->n_materials, &capacity, sizeof *m->material);
+                ok = array_grow(&m->material, m->n_materials, &capacity, sizeof *m->material, 0);
                 Material *material = ok ? &m->material[m->n_materials] : NULL;
                 ok = ok && (number == BVH_NONE ? mtl_default(material) : mtl_material(&r->library, number, material, &r->notes, r->report));
                 if (!ok) break;

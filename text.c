@@ -1,6 +1,7 @@
 /* Text files: see text.h. The conversion of numbers is exact in every case: what one division of doubles cannot do (Clinger, How to Read
  * Floating Point Numbers Accurately) is done by integer division with remainder, in 128 bits where they suffice, else in as many as needed. */
 #include "text.h"
+#include "cache.h"
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
@@ -22,6 +23,7 @@ bool text_open(Text *t, const char *path, int *error_number)
         else {
             char *memory = calloc(TEXT_MARGIN + t->size + TEXT_PADDING, 1);
             if (memory) {
+                t->left = status.st_size > 0 ? (uint64_t)status.st_size : 0;
                 t->p = t->end = t->buffer = memory + TEXT_MARGIN;
                 return true;
             }
@@ -70,8 +72,10 @@ bool text_more(Text *t)
     for (;;) {
         while (!t->at_end && t->filled < t->size) {
             ssize_t n = read(t->fd, t->buffer + t->filled, t->size - t->filled);
-            if (n > 0) t->filled += (size_t)n;
-            else if (n == 0) t->at_end = true;
+            if (n > 0) {
+                t->filled += (size_t)n;
+                t->left -= (uint64_t)n < t->left ? (uint64_t)n : t->left;
+            } else if (n == 0) t->at_end = true;
             else if (errno != EINTR) return fail(t, strerror(errno));
         }
         if (!t->started) {
@@ -425,7 +429,7 @@ uint32_t names_add(Names *names, const char *s, size_t n)
     }
     uint32_t *slot = names_slot(names, s, n);
     if (*slot != BVH_NONE) return *slot;
-    if (names->n == names->capacity && !array_grow(&names->name, names->n, &names->capacity, sizeof *names->name)) return BVH_NONE;
+    if (names->n == names->capacity && !array_grow(&names->name, names->n, &names->capacity, sizeof *names->name, 0)) return BVH_NONE;
     char *copy = malloc(n + 1);
     if (!copy) return BVH_NONE;
     if (n) memcpy(copy, s, n);
@@ -441,16 +445,17 @@ void names_free(Names *names)
     free(names->slot);
 }
 
-bool array_grow(void *array, uint32_t n, uint32_t *capacity, size_t item_size)
+bool array_grow(void *array, uint32_t n, uint32_t *capacity, size_t item_size, uint64_t likely)
 {
     if (n < *capacity) return true;
     if (n >= UINT32_MAX - 1) return false;
     uint32_t more = n < 256 ? 256 : n > UINT32_MAX / 2 ? UINT32_MAX - 1 : n + n / 2;
-    if (more > SIZE_MAX / item_size) return false;
-    void *old, *moved;
+    void *old, *moved = NULL;
     memcpy(&old, array, sizeof old);   /* array is a T **; memcpy, as void * and T * may not alias */
-    moved = realloc(old, more * item_size);
-    if (!moved) return false;
+    if (likely > more - n && likely < UINT32_MAX - 1 - n && n + likely <= SIZE_MAX / item_size && (moved = realloc(old, (n + (size_t)likely) * item_size)))
+        more = n + (uint32_t)likely;
+    if (!moved && (more > SIZE_MAX / item_size || !(moved = realloc(old, more * item_size)))) return false;
+    large_pages(moved, more * item_size);
     memcpy(array, &moved, sizeof moved);
     *capacity = more;
     return true;

@@ -22,6 +22,7 @@ typedef struct {
     const char *error;                 /* when text_more has said false: what is wrong, or NULL at the end of the file */
     char *buffer;
     size_t size, filled;
+    uint64_t left;                     /* bytes of the file, as far as is known, that are not yet in the buffer */
     int fd;
     bool started, at_end;
 } Text;
@@ -301,8 +302,9 @@ uint32_t names_find(const Names *names, const char *s, size_t n);
 uint32_t names_add(Names *names, const char *s, size_t n);
 void names_free(Names *names);
 
-/* Makes room for one more than n items. False if memory or numbers run out: items are numbered up to 2^32-2. */
-bool array_grow(void *array, uint32_t n, uint32_t *capacity, size_t item_size);
+/* Makes room for one more than n items, and for as many more as are likely to come: memory that is not touched costs nothing, memory that moves does.
+ * False if memory or numbers run out: items are numbered up to 2^32-2. */
+bool array_grow(void *array, uint32_t n, uint32_t *capacity, size_t item_size, uint64_t likely);
 
 /* The path of the regular file that s[0..n-1], read in the file 'from', names: relative to the folder of 'from', as it stands or, in this order,
  * without quotes, with / for \, without ' # comment'. NULL if there is none such; free it. */
