@@ -75,38 +75,41 @@ static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
     return e;
 }
 
-/* A pixel's samples fill it, and the lamps, evenly, and so err less than the variance of one of them says, V(n) = a(n) V(1)/n. By how much, the halves
- * of n = 2^i passes tell: half the difference of their means has the expected square V(n/2) - V(n) = d(n) V(1)/n, for each half is as even as the
- * other. Measured over values that are fairly known already, for what is rare falls where it likes. If a falls by a factor g from each power of two to
- * the next, so does d, and a = d g / (2 - g). */
+/* A pixel's samples fill it, and the lamps, evenly, and so err less than the variance of one of them says, V = a V(1) / n. By how much, the pixels
+ * tell that have two sequences: their means differ by no more than both err. (One of all samples is a little more even than two of half as many; so much
+ * the error is taken too large.) Measured over values that are fairly known already, for what is rare falls where it likes. */
 void run_evenness(Render *r)
 {
+    enum { UNEVEN = 8 };               /* as if so many pixels more had samples that know nothing of each other: a few cannot tell */
     Passes *p = &r->passes;
-    uint64_t passes = p->rows / r->scene->camera.height;
-    size_t values = 3 * r->pixels;
-    if ((passes & (passes - 1)) != 0) return;
-    if (passes >= 4) {
-        Evenness *e = &p->evenness;
-        double mean = 0, halves = 0, samples = 0;
-        uint32_t width = r->scene->camera.width, all = (uint32_t)passes;
-        for (size_t i = 0; i < values; i++) mean += p->sum[i] / (run_samples(p, i / 3, (uint32_t)(i / 3 / width), all) * (double)values);
-        e->floor = 0.01 * mean * mean;
-        for (size_t i = 0; i < values; i++) {
-            uint32_t y = (uint32_t)(i / 3 / width);
-            double n = run_samples(p, i / 3, y, all), first = run_samples(p, i / 3, y, all / 2), second = n - first;
-            if (second == 0) continue;
-            double value = p->sum[i] / n, half = (p->earlier[i] / first - (p->sum[i] - p->earlier[i]) / second) / 4, inverse = 1 / (value * value + e->floor);
-            double variance = larger(0, p->square[i] / n - value * value) / (n - 1) * (n * n / (4 * first * second));
-            if (variance * inverse > MOSTLY_KNOWN) continue;
-            halves += half * half * inverse;
-            samples += variance * inverse;
+    uint32_t width = r->scene->camera.width, height = r->scene->camera.height;
+    double mean = 0, found = 0, expected = 0, squares = 0;
+    size_t pixel = 0;
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x++, pixel++) {
+            double n = run_samples(p, pixel, y, p->count[y]), weight = n > 0 ? 1 / (3 * n * (double)r->pixels) : 0;
+            for (int i = 0; i < 3; i++) mean += weight * p->sum[3 * pixel + (size_t)i];
         }
-        double d = samples > 0 ? 4 * halves / samples : 1, g = passes > 16 ? fmin(fmax(sqrt(d / e->d[1]), 0.7), 1) : 1;
-        e->d[1] = e->d[0];
-        e->d[0] = d;
-        e->a = fmin(d * g / (2 - g), 1);
-    }
-    memcpy(p->earlier, p->sum, values * sizeof *p->earlier);
+    p->evenness.floor = 0.01 * mean * mean;
+    pixel = 0;
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x++, pixel++) {
+            if (!run_in_two(x, y)) continue;
+            double n = run_samples(p, pixel, y, p->count[y]), n_first = ceil(n / 2), n_second = n - n_first, of_pixel = 0;
+            if (n_second < 2) continue;
+            const double *sum = p->sum + 3 * pixel, *square = p->square + 3 * pixel, *first = run_first(r, x, y);
+            for (int i = 0; i < 3; i++) {
+                double value = sum[i] / n, variance = larger(0, square[i] / n - value * value) / (n - 1), inverse = 1 / (value * value + p->evenness.floor);
+                double difference = first[i] / n_first - (sum[i] - first[i]) / n_second;
+                if (!(variance * inverse < MOSTLY_KNOWN)) continue;
+                found += difference * difference * (n_first * n_second / (n * n)) * inverse;
+                of_pixel += variance * inverse;
+            }
+            expected += of_pixel;
+            squares += of_pixel * of_pixel;
+        }
+    double pixels = squares > 0 ? expected * expected / squares : 0;       /* of equal variance */
+    p->evenness.a = pixels > 0 ? fmin((pixels * found / expected + UNEVEN) / (pixels + UNEVEN), 1) : 1;
 }
 
 static float smaller_f(float a, float b) { return a < b ? a : b; }
@@ -317,6 +320,20 @@ static bool learn_brightness(const Render *r, float *local, float *plain, double
     return true;
 }
 
+/* Medians of noisy values are less than their means. By how much, over the picture and but for what sticks out of it. */
+static double lift(const Estimator *all, const float *typical)
+{
+    const Camera *c = &all->render->scene->camera;
+    double values = 0, medians = 0;
+    for (uint32_t y = 0; y < c->height; y++)
+        for (uint32_t x = 0; x < c->width; x++, typical++) {
+            Estimate e = estimate(all, x, y);
+            values += fmin((e.value[0] + e.value[1] + e.value[2]) / 3, 4 * (double)*typical);
+            medians += (double)*typical;
+        }
+    return medians > 0 ? fmax(values / medians, 1) : 1;
+}
+
 /* After a round: the estimated relMSE, the shares of rays that direct light and bootstrap should have, and the two-stage weight. */
 void run_learn(Render *r)
 {
@@ -324,17 +341,19 @@ void run_learn(Render *r)
     float *local = malloc((pilot ? 3 : 1) * r->pixels * sizeof *local), *plain = local && pilot ? local + r->pixels : NULL;
     double mean, sampled = 0, chain = 0, chain_energy = 0;   /* the last three relative to the picture, summed over values */
     r->learned = (double)*r->scene->rays;
+    if (r->has_direct && r->passes.first) run_evenness(r);
     if (!local || !learn_brightness(r, local, plain, &mean)) {    /* goes on with what it knew */
         free(local);
         return;
     }
     if (mean > 0) {
         Estimator all = estimator(r);
+        double lifted = lift(&all, local);
         size_t pixel = 0;
         for (uint32_t y = 0; y < r->scene->camera.height; y++)
             for (uint32_t x = 0; x < r->scene->camera.width; x++, pixel++) {
                 Estimate e = estimate(&all, x, y);
-                double typical = (double)local[pixel], around = surroundings(r, pixel, y, typical);
+                double typical = (double)local[pixel], around = surroundings(r, pixel, y, lifted * typical);
                 for (int i = 0; i < 3; i++) {
                     double likely = likely_value(e.value[i], e.sampled_variance[i] + e.chain_variance[i], around);
                     double inverse = 1 / (likely * likely + 0.01 * mean * mean);

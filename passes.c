@@ -73,14 +73,16 @@ static uint32_t row_of(const Render *r)
 /* Of their own for the pilot: were its samples seen again, the thresholds would depend on what they are to cap. */
 static uint64_t sample_stream(const Render *r) { return (uint64_t)(r->pilot ? 7 : 6) << 61; }
 
-/* The i-th sample of a pixel. Its place there and the first choices on its way fill their ranges evenly over the pixel's samples, from an offset of its own. */
+/* The i-th sample of a pixel. Its place there and the first choices on its way fill their ranges evenly over the pixel's samples; where they are two
+ * sequences, in turn, over each of both. */
 static bool sample_pixel(Render *r, uint32_t column, uint32_t row, uint32_t i, double often, Rng *rng)
 {
     Passes *p = &r->passes;
     size_t pixel = (size_t)row * r->scene->camera.width + column;
-    Rng offset = rng_new(r->settings->seed, sample_stream(r) + pixel);
+    bool in_two = run_in_two(column, row), first = in_two && i % 2 == 0;
+    Rng offset = rng_new(r->settings->seed, sample_stream(r) + ((uint64_t)first << 59) + pixel);
     union { Numbers named; double u[NUMBERS]; } even_ones;
-    for (int d = 0; d < NUMBERS; d++) even_ones.u[d] = even(rng_double(&offset), i, d);
+    for (int d = 0; d < NUMBERS; d++) even_ones.u[d] = even(rng_double(&offset), in_two ? i / 2 : i, d);
     uint64_t rays = *r->scene->rays;
     double x = column + even_ones.u[0], y = row + even_ones.u[1];
     Splat s = { .r = r, .rng = rng, .often = often };
@@ -96,13 +98,14 @@ static bool sample_pixel(Render *r, uint32_t column, uint32_t row, uint32_t i, d
     p->cut_square += s.cut * s.cut;
     const double v[3] = { s.own.x, s.own.y, s.own.z };
     for (size_t c = 0; c < 3; c++) { p->sum[3 * pixel + c] += v[c]; p->square[3 * pixel + c] += v[c] * v[c]; }
+    for (size_t c = 0; first && c < 3; c++) run_first(r, column, row)[c] += v[c];
     return true;
 }
 
 bool run_sample_row(Render *r)
 {
     Passes *p = &r->passes;
-    uint32_t width = r->scene->camera.width, height = r->scene->camera.height, row = row_of(r), pass = p->count[row];
+    uint32_t width = r->scene->camera.width, row = row_of(r), pass = p->count[row];
     uint64_t rays = *r->scene->rays;
     Rng rng = rng_new(r->settings->seed, sample_stream(r) + ((uint64_t)1 << 60) + p->rows);
     for (uint32_t column = 0; column < width; column++) {
@@ -117,7 +120,6 @@ bool run_sample_row(Render *r)
     r->met.rows++;
     r->met.rays += (double)(*r->scene->rays - rays);
     p->rays += *r->scene->rays - rays;
-    if (p->rows % height == 0) run_evenness(r);
     return true;
 }
 
@@ -127,6 +129,7 @@ void run_forget_samples(Render *r)
     double *thrown_away[] = { p->sum, p->square, p->light, p->light_square };
     for (size_t i = 0; i < sizeof thrown_away / sizeof *thrown_away; i++)
         if (thrown_away[i]) memset(thrown_away[i], 0, 3 * r->pixels * sizeof(double));
+    memset(p->first, 0, run_firsts(r) * sizeof *p->first);
     memset(p->cost, 0, r->pixels * sizeof *p->cost);
     memset(p->direct, 0, r->pixels * sizeof *p->direct);
     memset(p->count, 0, r->scene->camera.height * sizeof *p->count);

@@ -59,7 +59,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     bool ok = (r->bdpt = bdpt_new()) && (r->x = malloc(sizeof *r->x)) && (r->y = malloc(sizeof *r->y)) && (r->trail = malloc(sizeof *r->trail));
     if (r->has_direct)
         ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.direct = calloc(r->pixels, 8))
-            && (r->passes.earlier = calloc(doubles, 8)) && (r->passes.often = calloc(r->pixels, 4)) && (r->passes.cost = calloc(r->pixels, 4))
+            && (r->passes.first = calloc(run_firsts(r), 8)) && (r->passes.often = calloc(r->pixels, 4)) && (r->passes.cost = calloc(r->pixels, 4))
             && (r->passes.count = calloc(scene->camera.height, 4)) && (r->passes.alike = calloc(scene->camera.height, 4));
     if (r->bidirectional || (r->has_chain && r->has_direct))
         ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
@@ -87,7 +87,7 @@ void render_free(Render *r)
     bdpt_free(r->bdpt);
     image_free(r->early);
     Passes *p = &r->passes;
-    void *owned[] = { r->x, r->y, r->trail, p->sum, p->square, p->direct, p->earlier, p->often, p->cost, p->count, p->alike, p->light, p->light_square,
+    void *owned[] = { r->x, r->y, r->trail, p->sum, p->square, p->direct, p->first, p->often, p->cost, p->count, p->alike, p->light, p->light_square,
                       r->film, r->picture, r->met.seed, r->sum, r->square, r };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
 }

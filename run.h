@@ -8,7 +8,6 @@
 typedef struct {
     double a;                      /* variance of a value over what samples that know nothing of each other would leave; 1 while unknown */
     double floor;                  /* for values whose variance is small beside value^2 + floor */
-    double d[2];                   /* a measure of it at the last powers of two of passes */
 } Evenness;
 
 /* On the whole integrand one pixel of so many has a bidirectional sample in a pass. */
@@ -19,7 +18,7 @@ typedef struct {
     double *sum, *square;          /* [pixels][3] over the samples of each pixel */
     double *light, *light_square;  /* [pixels][3] what light subpaths bring to any pixel; only for bdpt, and for what run_spread moves */
     double *direct;                /* [pixels] over channels, what is direct light: it may be large in one pixel alone, and is no outlier */
-    double *earlier;               /* [pixels][3] 'sum' when the passes were last a power of two */
+    double *first;                 /* [run_firsts] of pixels whose samples are two sequences: run_first */
     Evenness evenness;
     float *often;                  /* [pixels] samples in a pass since it was settled: a mean of 1 */
     float *cost;                   /* [pixels] rays for the samples of each pixel before that */
@@ -99,7 +98,11 @@ struct Render {
 
 /* Adds the chains of the round under way to those of finished rounds. */
 void run_close_chains(Render *render);
-/* After each pass of independent samples: measures their evenness, now and then. */
+/* One pixel in sixteen has two sequences of samples, in turn: they tell how even one is. [3] is the sum over the first of them. */
+static inline bool run_in_two(uint32_t x, uint32_t y) { return (x + 5 * y) % 16 == 0; }
+static inline size_t run_firsts(const Render *r) { return 3 * (size_t)r->scene->camera.height * (r->scene->camera.width / 16 + 1); }
+static inline double *run_first(const Render *r, uint32_t x, uint32_t y) { return &r->passes.first[3 * ((size_t)y * (r->scene->camera.width / 16 + 1) + x / 16)]; }
+/* Measures the evenness of independent samples. */
 void run_evenness(Render *render);
 /* The part of the film that a pixel (column, row) is in, and how many there are. */
 uint32_t run_tile(const Render *render, uint32_t x, uint32_t y);

@@ -71,7 +71,7 @@ static uint64_t identity(const Scene *scene, const Settings *s)
     return h;
 }
 
-static const char MAGIC[] = "MLTRUN9\n";            /* the number changes with what is kept */
+static const char MAGIC[] = "MLTRUNA\n";            /* the number changes with what is kept */
 
 typedef struct {
     char magic[8];
@@ -120,8 +120,9 @@ static void pass_paths(Stream *s, Render *r)
 static void pass_state(Stream *s, Render *r)
 {
     size_t doubles = 3 * r->pixels * sizeof(double);
-    double *arrays[] = { r->passes.sum, r->passes.square, r->passes.earlier, r->passes.light, r->passes.light_square, r->sum, r->square };
+    double *arrays[] = { r->passes.sum, r->passes.square, r->passes.light, r->passes.light_square, r->sum, r->square };
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) pass_array(s, arrays[i], doubles);
+    pass_array(s, r->passes.first, run_firsts(r) * sizeof *r->passes.first);
     pass_array(s, r->passes.direct, r->pixels * sizeof *r->passes.direct);
     pass_array(s, r->passes.count, r->scene->camera.height * sizeof *r->passes.count);
     pass_array(s, r->passes.often, r->pixels * sizeof *r->passes.often);
@@ -366,6 +367,8 @@ Render *render_merge(const char *const *path, int n, Report *report)
         fclose(file);
         if (!ok) break;
         known = known && (r->stats.b == 0 || r->steps_square < r->steps_sum * r->steps_sum);
+        free(r->passes.first);                 /* of runs together it tells nothing: each has measured its evenness */
+        r->passes.first = NULL;
         if (!merged) {
             merged = r;
             whole = r->has_chain && r->has_direct;
@@ -385,6 +388,10 @@ Render *render_merge(const char *const *path, int n, Report *report)
         for (size_t a = 0; a < sizeof to / sizeof *to; a++) add_array(to[a], from[a], 3 * r->pixels);
         if (merged->passes.direct) add_array(merged->passes.direct, r->passes.direct, r->pixels);
         for (uint32_t row = 0; merged->passes.count && row < header.height; row++) merged->passes.count[row] += r->passes.count[row];
+        if (r->passes.rows > 0) {
+            double share = (double)r->passes.rows / (double)(merged->passes.rows + r->passes.rows);
+            merged->passes.evenness.a += share * (r->passes.evenness.a - merged->passes.evenness.a);
+        }
         merged->passes.rows += r->passes.rows;
         merged->steps_sum += r->steps_sum;
         merged->steps_square += r->steps_square;

@@ -623,6 +623,59 @@ static void test_found(void)
     scene_free(&scene);
 }
 
+/* ---- the estimated error ---- */
+
+/* Variances of all values of the picture, summed, each over the square of the mean and a floor: as runs estimate it of themselves, with and without the
+ * evenness of samples, and as it is between runs. */
+static void test_estimated(void)
+{
+    enum { SIDE = 48, N = 3 * SIDE * SIDE, TIMES = 10 };
+    static const struct { Integrator integrator; const char *name; double per_pixel; } list[] = { { INTEGRATOR_PATH, "path", 64 }, { INTEGRATOR_MLT, "mlt", 60 } };
+    Scene scene;
+    Report report = { .warnings = NULL };
+    CameraSettings camera = { .has_size = true, .width = SIDE, .height = SIDE };
+    if (!CHECK(scene_load(&scene, "scenes/cornell.obj", &camera, BVH_FAST, &report))) return;
+    double (*value)[N] = calloc(TIMES, sizeof *value), *estimated = calloc(N, sizeof *estimated), *uneven = calloc(N, sizeof *uneven);
+    Image *image = image_new(SIDE, SIDE);
+    for (size_t k = 0; CHECK(value && estimated && uneven && image) && k < 2; k++) {
+        memset(estimated, 0, N * sizeof *estimated);
+        memset(uneven, 0, N * sizeof *uneven);
+        for (int i = 0; i < TIMES; i++) {
+            Settings s = { .integrator = list[k].integrator, .direct = LIGHT_APART, .max_depth = 8, .strategies = ~0u, .seed = seed * 1000 + (uint64_t)i,
+                           .per_pixel = list[k].per_pixel };
+            Render *r = render_new(&scene, &s);
+            CHECK(r && render_run(r, always, NULL));
+            render_image(r, image);
+            for (int j = 0; j < N; j++) value[i][j] = (double)image->rgb[j];
+            render_error_image(r, image);
+            for (int j = 0; j < N; j++) estimated[j] += pow((double)image->rgb[j], 2) / TIMES;
+            r->passes.evenness.a = 1;
+            render_error_image(r, image);
+            for (int j = 0; j < N; j++) uneven[j] += pow((double)image->rgb[j], 2) / TIMES;
+            render_free(r);
+        }
+        double mean = 0, sum = 0, sum_uneven = 0, sum_true = 0;
+        for (int i = 0; i < TIMES; i++)
+            for (int j = 0; j < N; j++) mean += value[i][j] / ((double)N * TIMES);
+        for (int j = 0; j < N; j++) {
+            double m, variance;
+            mean_and_variance(&value[0][j], N, TIMES, &m, &variance);
+            double inverse = 1 / (m * m + 0.01 * mean * mean);
+            sum_true += TIMES * variance * inverse;    /* that of a mean is a TIMES-th */
+            sum += estimated[j] * inverse;
+            sum_uneven += uneven[j] * inverse;
+        }
+        printf("cornell, %s: estimated over true variance %.2f; %.2f if samples knew nothing of each other\n", list[k].name, sum / sum_true, sum_uneven / sum_true);
+        CHECK(sum > 0.8 * sum_true && sum < 1.4 * sum_true);
+        if (list[k].integrator == INTEGRATOR_PATH) CHECK(sum_uneven > 1.5 * sum_true);
+    }
+    image_free(image);
+    free(value);
+    free(estimated);
+    free(uneven);
+    scene_free(&scene);
+}
+
 int main(int argc, char **argv)
 {
     if (argc > 1) factor = atof(argv[1]);
@@ -634,6 +687,7 @@ int main(int argc, char **argv)
     test_met();
     test_furnace();
     test_found();
+    test_estimated();
     printf("%d comparisons\n", comparisons);
     CHECK(comparisons < COMPARISONS);
     return check_report();
