@@ -103,6 +103,10 @@ bench-ways: mlt $(BUILD)/bench_plot
 bench-estimate: mlt
 	sh test/bench_estimate.sh ./mlt
 
+# Whether pictures of different seeds differ by no more than each says of itself: twenty minutes.
+bench-seeds: $(BUILD)/bench_seeds
+	$(BUILD)/bench_seeds scenes/cornell.obj scenes/glossy.obj scenes/door.obj scenes/caustic.obj scenes/pool.obj
+
 bench-cost: $(BUILD)/bench_cost
 	@mkdir -p build/bench
 	$(BUILD)/bench_cost build/bench
@@ -145,4 +149,4 @@ clean:
 
 .SECONDARY:
 
-.PHONY: test demo bench stress kill drift bench-rays bench-error bench-estimate bench-cost bench-ways docs-figures install clean
+.PHONY: test demo bench stress kill drift bench-rays bench-error bench-estimate bench-cost bench-ways bench-seeds docs-figures install clean

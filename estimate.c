@@ -252,47 +252,61 @@ static double missed(const Render *r, double chain, double mean)
     return cut - chain > 2.5 * error ? (cut - chain) / mean : 0;
 }
 
+/* So many rounds of equal length would tell as much. */
+static double rounds_of(const Render *r) { return r->steps_square > 0 ? r->steps_sum * r->steps_sum / r->steps_square : 0; }
+
+void run_tile_light(const Render *r, TileLight light[])
+{
+    uint32_t tiles = run_tiles(r);
+    double rounds = rounds_of(r);
+    Estimator all = estimator(r);
+    memset(light, 0, tiles * sizeof *light);
+    for (uint32_t y = 0; y < r->scene->camera.height; y++)
+        for (uint32_t x = 0; x < r->scene->camera.width; x++) {
+            TileLight *l = &light[run_tile(r, x, y)];
+            Estimate e = estimate(&all, x, y);
+            double error = 0;
+            for (int i = 0; i < 3; i++) {
+                l->mean += e.value[i];
+                error += sqrt(e.sampled_variance[i]);     /* channels err together, pixels apart */
+            }
+            l->variance += error * error;
+            l->values += 3;
+        }
+    for (uint32_t t = 0; t < tiles; t++) {
+        TileLight *l = &light[t];
+        const Tile *tile = &r->tile[t];
+        l->mean /= l->values;
+        l->chain = rounds > 0 ? tile->sum / r->steps_sum : 0;
+        l->chain_variance = rounds > 1 ? fmax(0, tile->square / r->steps_sum - l->chain * l->chain) / (rounds - 1) : 0;
+        l->variance = l->variance / (l->values * l->values) + l->chain_variance;
+    }
+}
+
 /* Whether the rounds have found the same light. Pixels cannot tell: in most of them a round leaves little. In a tile where one round has brought more
  * than all others together, it has come upon paths that the others have missed, or one of its chains has been caught; how much of that light
  * there ought to be is then known to no one, and the spread between rounds does not tell it. 'mean' is that of the picture. */
 static void learn_agreement(Render *r, double mean)
 {
-    enum { ALL = TILES_ACROSS * TILES_ACROSS };
-    uint32_t tiles = run_tiles(r);
-    double light[ALL] = { 0 }, variance[ALL] = { 0 }, values[ALL] = { 0 }, energy = 0, unevenness = 0, sum = 0;
-    Estimator all = estimator(r);
-    for (uint32_t y = 0; y < r->scene->camera.height; y++)
-        for (uint32_t x = 0; x < r->scene->camera.width; x++) {
-            uint32_t tile = run_tile(r, x, y);
-            Estimate e = estimate(&all, x, y);
-            double error = 0;
-            for (int i = 0; i < 3; i++) {
-                light[tile] += e.value[i];
-                sum += e.chain[i];
-                error += sqrt(e.sampled_variance[i]);     /* channels err together, pixels apart */
-            }
-            variance[tile] += error * error;
-            values[tile] += 3;
-        }
-    double rounds = r->steps_square > 0 ? r->steps_sum * r->steps_sum / r->steps_square : 0;   /* as many of equal length */
+    TileLight light[TILES_ACROSS * TILES_ACROSS];
+    double rounds = rounds_of(r), energy = 0, unevenness = 0;
     RenderStats *s = &r->stats;
-    s->tiles = tiles;
+    s->tiles = run_tiles(r);
     s->tiles_disagreeing = 0;
     s->largest_tile_error = 0;
-    s->chain_part = sum / (3 * (double)r->pixels * mean);
-    s->missed = missed(r, s->chain_part * mean, mean);
-    for (uint32_t t = 0; t < tiles; t++) {
+    run_tile_light(r, light);
+    for (uint32_t t = 0; t < s->tiles; t++) {
         const Tile *tile = &r->tile[t];
-        double value = light[t] / values[t], chain = rounds > 0 ? tile->sum / r->steps_sum : 0, chain_variance = 0;
-        if (rounds > 1) chain_variance = fmax(0, tile->square / r->steps_sum - chain * chain) / (rounds - 1);
-        energy += values[t] * chain;
-        unevenness += values[t] * values[t] * chain_variance;
-        double relative_variance = (variance[t] / (values[t] * values[t]) + chain_variance) / (value * value + 0.01 * mean * mean);
-        s->largest_tile_error = fmax(s->largest_tile_error, sqrt(relative_variance));
+        const TileLight *l = &light[t];
+        energy += l->values * l->chain;
+        unevenness += l->values * l->values * l->chain_variance;
+        s->largest_tile_error = fmax(s->largest_tile_error, sqrt(l->variance / (l->mean * l->mean + 0.01 * mean * mean)));
         if (rounds < LEAST_ROUNDS) continue;
         double others = (tile->sum - tile->largest) / r->steps_sum * (rounds / (rounds - 1));
-        s->tiles_disagreeing += tile->largest > 0.5 * tile->sum && chain - others > 0.1 * value + 0.01 * mean;
+        s->tiles_disagreeing += tile->largest > 0.5 * tile->sum && l->chain - others > 0.1 * l->mean + 0.01 * mean;
     }
+    s->chain_part = energy / (3 * (double)r->pixels * mean);
+    s->missed = missed(r, s->chain_part * mean, mean);
     s->rounds = (uint32_t)(rounds + 0.5);
     if (r->has_chain && rounds < LEAST_ROUNDS) s->largest_tile_error = NAN;
     s->effective_samples = rounds < LEAST_ROUNDS ? NAN : energy * energy / unevenness;
@@ -385,6 +399,18 @@ void run_learn(Render *r)
     free(local);
 }
 
+void run_settle(Render *r)
+{
+    Passes *p = &r->passes;
+    double sum = 0;
+    for (size_t i = 0; i < r->pixels; i++) sum += (double)p->often[i];
+    for (size_t i = 0; i < r->pixels; i++) p->often[i] *= (float)((double)r->pixels / sum);
+    Rng rng = rng_new(r->settings->seed, (uint64_t)4 << 61);
+    p->offset = rng_double(&rng);
+    memcpy(p->alike, p->count, r->scene->camera.height * sizeof *p->alike);
+    p->settled = true;
+}
+
 /* Where a sample's error is larger, relative to the picture, more of them: as its root, so that the sum of errors is least for the work. It is told by the
  * pixels around: they have had few samples each, and the pixel's own are to have no part in it (passes.c), not by way of the picture either, which is the
  * pilot's beside what each of those others has brought itself. */
@@ -417,16 +443,11 @@ void run_share_out(Render *r)
             sum += (double)(p->often[y * width + x] = (float)(cost > 0 ? sqrt(around / cost) : 1));
         }
     double average = sum / (double)r->pixels;
-    sum = 0;
     for (size_t i = 0; i < r->pixels; i++) {
         double relative = average > 0 ? (double)p->often[i] / average : 1;
-        sum += (double)(p->often[i] = (float)fmin(sqrt(relative * relative + 0.1), MOST));
+        p->often[i] = (float)fmin(sqrt(relative * relative + 0.1), MOST);
     }
-    for (size_t i = 0; i < r->pixels; i++) p->often[i] *= (float)((double)r->pixels / sum);
-    Rng rng = rng_new(r->settings->seed, (uint64_t)4 << 61);
-    p->offset = rng_double(&rng);
-    memcpy(p->alike, p->count, r->scene->camera.height * sizeof *p->alike);
-    p->settled = true;
+    run_settle(r);
     free(noise);
 }
 

@@ -107,6 +107,9 @@ void run_evenness(Render *render);
 /* The part of the film that a pixel (column, row) is in, and how many there are. */
 uint32_t run_tile(const Render *render, uint32_t x, uint32_t y);
 uint32_t run_tiles(const Render *render);
+/* What is known of the light in each of them: means over its 'values', and the variances of those means. */
+typedef struct { double mean, variance /* of the picture */, chain, chain_variance /* of the chains' part */, values; } TileLight;
+void run_tile_light(const Render *render, TileLight light[]);
 /* Independent samples of the pixels of the next row. False if memory runs out. */
 bool run_sample_row(Render *render);
 void run_forget_samples(Render *render);
@@ -141,7 +144,8 @@ void run_forget_met(Render *render);
 /* Of a path that the path tracer is visiting, REACH_SEEN and not wholly of the space: brings what is left of it to the picture,
  * 'scale' times. False if memory runs out. */
 bool run_spread(Render *render, const Candidate *candidate, double scale, Rng *rng);
-/* Settles how often independent samples look at each pixel from now on. */
+/* Settles how often independent samples look at each pixel from now on: in proportion to passes.often, or to what the noise so far suggests. */
+void run_settle(Render *render);
 void run_share_out(Render *render);
 /* Chooses the thresholds by what the pilot has left in them, the picture's own brightness, and the shares of work to begin with. */
 void run_survey(Render *render);

@@ -441,16 +441,11 @@ typedef enum { NO_FAULT, TWICE_LEFT, OWN_SAMPLES } MetFault;
 static void uneven(Render *r, double dark, uint32_t further)
 {
     Passes *p = &r->passes;
-    double sum = 0;
     for (uint32_t i = 0; i < FILM * FILM; i++) {
         const double *other = p->sum + 3 * ((i + further) % (FILM * FILM));
-        sum += (double)(p->often[i] = other[0] + other[1] + other[2] < dark ? 0.25f : 2.5f);
+        p->often[i] = other[0] + other[1] + other[2] < dark ? 0.25f : 2.5f;
     }
-    for (int i = 0; i < FILM * FILM; i++) p->often[i] *= (float)(FILM * FILM / sum);
-    Rng rng = rng_new(r->settings->seed, 77);
-    p->offset = rng_double(&rng);
-    for (int y = 0; y < FILM; y++) p->alike[y] = p->count[y];
-    p->settled = true;
+    run_settle(r);
 }
 
 static double mean_sum(const Render *r)
