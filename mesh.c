@@ -194,8 +194,7 @@ bool mesh_finish_uvs(Mesh *m)
     return true;
 }
 
-/* Gives back what the growth of an array has reserved; keeps the array if that fails. */
-static void *trim(void *array, size_t bytes)
+void *mesh_shrunk(void *array, size_t bytes)
 {
     void *moved = array && bytes ? realloc(array, bytes) : NULL;
     return moved ? moved : array;
@@ -203,14 +202,14 @@ static void *trim(void *array, size_t bytes)
 
 void mesh_trim(Mesh *m)
 {
-    m->position = trim(m->position, m->n_positions * sizeof *m->position);
-    m->normal = trim(m->normal, m->n_normals * sizeof *m->normal);
-    m->uv = trim(m->uv, m->n_uvs * sizeof *m->uv);
-    m->triangle = trim(m->triangle, m->n_triangles * sizeof *m->triangle);
-    m->triangle_normal = trim(m->triangle_normal, m->n_triangles * sizeof *m->triangle_normal);
-    m->triangle_uv = trim(m->triangle_uv, m->n_triangles * sizeof *m->triangle_uv);
-    m->triangle_material = trim(m->triangle_material, m->n_triangles * sizeof *m->triangle_material);
-    m->material = trim(m->material, m->n_materials * sizeof *m->material);
+    m->position = mesh_shrunk(m->position, m->n_positions * sizeof *m->position);
+    m->normal = mesh_shrunk(m->normal, m->n_normals * sizeof *m->normal);
+    m->uv = mesh_shrunk(m->uv, m->n_uvs * sizeof *m->uv);
+    m->triangle = mesh_shrunk(m->triangle, m->n_triangles * sizeof *m->triangle);
+    m->triangle_normal = mesh_shrunk(m->triangle_normal, m->n_triangles * sizeof *m->triangle_normal);
+    m->triangle_uv = mesh_shrunk(m->triangle_uv, m->n_triangles * sizeof *m->triangle_uv);
+    m->triangle_material = mesh_shrunk(m->triangle_material, m->n_triangles * sizeof *m->triangle_material);
+    m->material = mesh_shrunk(m->material, m->n_materials * sizeof *m->material);
 }
 
 void mesh_free(Mesh *mesh)

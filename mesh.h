@@ -14,7 +14,8 @@ const char *mesh_finish(Mesh *m, double (*position)[3], const MeshPolygon *polyg
 /* Keeps texture coordinates only where there is a texture and all three corners have them. False if memory runs out. */
 bool mesh_finish_uvs(Mesh *m);
 
-/* Gives back what the growth of the arrays has reserved. */
+/* Gives back what the growth of an array, or of all of the mesh, has reserved; keeps an array if that fails. */
+void *mesh_shrunk(void *array, size_t bytes);
 void mesh_trim(Mesh *m);
 
 static inline void mesh_set3(uint32_t target[3], uint32_t a, uint32_t b, uint32_t c)

@@ -31,6 +31,7 @@ typedef struct {
     MeshPolygon *polygon;                      /* all faces of more than three corners */
     uint32_t n_polygons;
     uint32_t positions_capacity, normals_capacity, uvs_capacity, triangles_capacity, corners_capacity, polygons_capacity, lines_capacity;
+    bool frugal;                               /* room is made for what is there alone */
     Forward forward_position, forward_uv, forward_normal;
     Names used;                                /* arguments of usemtl */
     unsigned long *used_line;                  /* [used.n] where first named */
@@ -63,7 +64,26 @@ static bool number_error(Reader *r, char *p)
 static uint64_t likely(const Reader *r)
 {
     enum { LINE = 16 };                        /* bytes: most are longer in files large enough to matter */
-    return (r->text.left + (uint64_t)(r->text.end - r->text.p)) / LINE;
+    return r->frugal ? 0 : (r->text.left + (uint64_t)(r->text.end - r->text.p)) / LINE;
+}
+
+/* Where address space is short: gives back the room that waits for the rest of the file. False if that has been done before. */
+static bool give_back(Reader *r)
+{
+    if (r->frugal) return false;
+    r->frugal = true;
+    r->position = mesh_shrunk(r->position, r->mesh.n_positions * sizeof *r->position);
+    mesh_trim(&r->mesh);
+    r->positions_capacity = r->mesh.n_positions;
+    r->normals_capacity = r->mesh.n_normals;
+    r->uvs_capacity = r->mesh.n_uvs;
+    r->triangles_capacity = r->mesh.n_triangles;
+    return true;
+}
+
+static bool make_room(Reader *r, void *array, uint32_t n, uint32_t *capacity, size_t item_size)
+{
+    return array_grow(array, n, capacity, item_size, likely(r)) || (give_back(r) && array_grow(array, n, capacity, item_size, 0)) || out_of_memory(r);
 }
 
 /* Statements. Each gets the line from its first argument on and returns where it stopped reading, to be checked for leftovers by the caller,
@@ -110,8 +130,7 @@ static char *read_position(Reader *r, char *p)
         }
     }
     Mesh *m = &r->mesh;
-    if (m->n_positions == r->positions_capacity && !array_grow(&r->position, m->n_positions, &r->positions_capacity, sizeof *r->position, likely(r)))
-        return out_of_memory(r), NULL;
+    if (m->n_positions == r->positions_capacity && !make_room(r, &r->position, m->n_positions, &r->positions_capacity, sizeof *r->position)) return NULL;
     memcpy(r->position[m->n_positions++], v, sizeof v);
     return end;
 }
@@ -132,7 +151,7 @@ static char *read_uv(Reader *r, char *p)
         end = find_line_end(end);
     }
     Mesh *m = &r->mesh;
-    if (m->n_uvs == r->uvs_capacity && !array_grow(&m->uv, m->n_uvs, &r->uvs_capacity, sizeof *m->uv, likely(r))) return out_of_memory(r), NULL;
+    if (m->n_uvs == r->uvs_capacity && !make_room(r, &m->uv, m->n_uvs, &r->uvs_capacity, sizeof *m->uv)) return NULL;
     m->uv[m->n_uvs][0] = (float)v[0];
     m->uv[m->n_uvs++][1] = (float)v[1];
     return end;
@@ -154,8 +173,7 @@ static char *read_normal(Reader *r, char *p)
         end = find_line_end(end);
     }
     Mesh *m = &r->mesh;
-    if (m->n_normals == r->normals_capacity && !array_grow(&m->normal, m->n_normals, &r->normals_capacity, sizeof *m->normal, likely(r)))
-        return out_of_memory(r), NULL;
+    if (m->n_normals == r->normals_capacity && !make_room(r, &m->normal, m->n_normals, &r->normals_capacity, sizeof *m->normal)) return NULL;
     float *normal = m->normal[m->n_normals++];
     for (int i = 0; i < 3; i++) normal[i] = (float)(v[i] * (1 / l));
     return end;
@@ -248,21 +266,25 @@ static bool grow_triangles(Reader *r)
     const struct { void *array; size_t item_size; } grown[] = {
         { &m->triangle, sizeof *m->triangle }, { &m->triangle_material, sizeof *m->triangle_material },
         { m->triangle_normal ? &m->triangle_normal : NULL, sizeof *m->triangle_normal }, { m->triangle_uv ? &m->triangle_uv : NULL, sizeof *m->triangle_uv } };
-    uint32_t least = UINT32_MAX;
-    for (size_t i = 0; i < sizeof grown / sizeof *grown; i++) {
-        uint32_t capacity = r->triangles_capacity;
-        if (!grown[i].array) continue;
-        if (!array_grow(grown[i].array, m->n_triangles, &capacity, grown[i].item_size, likely(r))) return out_of_memory(r);
-        least = capacity < least ? capacity : least;
-    }
-    r->triangles_capacity = least;
-    return true;
+    do {
+        uint32_t least = UINT32_MAX;
+        bool ok = true;
+        for (size_t i = 0; ok && i < sizeof grown / sizeof *grown; i++) {
+            uint32_t capacity = r->triangles_capacity;
+            if (!grown[i].array) continue;
+            ok = array_grow(grown[i].array, m->n_triangles, &capacity, grown[i].item_size, likely(r));
+            least = capacity < least ? capacity : least;
+        }
+        if (ok) return r->triangles_capacity = least, true;
+    } while (give_back(r));
+    return out_of_memory(r);
 }
 
 /* An array of attributes in which the triangles so far have none. */
 static bool begin_attribute(Reader *r, uint32_t (**attribute)[3])
 {
-    *attribute = large_alloc(r->triangles_capacity * sizeof **attribute);
+    do *attribute = large_alloc((r->triangles_capacity + (size_t)1) * sizeof **attribute);
+    while (!*attribute && give_back(r));
     if (!*attribute) return out_of_memory(r);
     for (uint32_t i = 0; i < r->mesh.n_triangles; i++) mesh_set3((*attribute)[i], BVH_NONE, BVH_NONE, BVH_NONE);
     return true;
@@ -276,16 +298,16 @@ static bool add_face(Reader *r, uint32_t n)
         return true;
     }
     if (n > 3) {
-        if (!array_grow(&r->polygon, r->n_polygons, &r->polygons_capacity, sizeof *r->polygon, 0)) return out_of_memory(r);
+        if (r->n_polygons == r->polygons_capacity && !make_room(r, &r->polygon, r->n_polygons, &r->polygons_capacity, sizeof *r->polygon)) return false;
         r->polygon[r->n_polygons++] = (MeshPolygon){ m->n_triangles, n };
     }
     const Corner *a = r->corner;
     for (uint32_t i = 1; i + 1 < n; i++) {
         const Corner *b = &a[i], *c = &a[i + 1];
-        if (m->n_triangles == r->triangles_capacity && !grow_triangles(r)) return false;
         uint32_t k = m->n_triangles;
         if (!m->triangle_uv && r->wants_uv && (a->uv & b->uv & c->uv) != BVH_NONE && !begin_attribute(r, &m->triangle_uv)) return false;
         if (!m->triangle_normal && (a->normal & b->normal & c->normal) != BVH_NONE && !begin_attribute(r, &m->triangle_normal)) return false;
+        if (k == r->triangles_capacity && !grow_triangles(r)) return false;
         mesh_set3(m->triangle[k], a->position, b->position, c->position);
         if (m->triangle_uv) mesh_set3(m->triangle_uv[k], a->uv, b->uv, c->uv);
         if (m->triangle_normal) mesh_set3(m->triangle_normal[k], a->normal, b->normal, c->normal);
@@ -481,6 +503,7 @@ static bool finish(Reader *r)
     if (m->n_triangles == 0) return report_error(r->report, path, 0, foreign ? "not an OBJ file" : "no geometry: the file has no face");
     warn_forward(r, &r->forward_normal, m->n_normals, "indices of normals or texture coordinates out of range");
     warn_forward(r, &r->forward_uv, m->n_uvs, "indices of normals or texture coordinates out of range");
+    give_back(r);
     uint32_t before = m->n_triangles;
     double (*position)[3] = r->position;
     r->position = NULL;
