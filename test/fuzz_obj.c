@@ -1,5 +1,5 @@
 /* Feeds arbitrary bytes to the readers of OBJ, MTL and SCENE.cam: the first byte picks one (modulo 3), the rest is the file. As a libFuzzer target:
- *     clang -g -O1 -DFUZZ_LIBFUZZER -fsanitize=fuzzer,address,undefined test/fuzz_obj.c obj.c mtl.c text.c polygon.c mesh.c image.c texture.c output.c -lm
+ *     clang -g -O1 -DFUZZ_LIBFUZZER -fsanitize=fuzzer,address,undefined test/fuzz_obj.c obj.c mtl.c text.c polygon.c mesh.c image.c texture.c output.c cache.c -lm
  *     ./a.out -max_len=4096 corpus-to-grow test/corpus/obj
  * Without FUZZ_LIBFUZZER a program that runs the files given to it. */
 #include "../obj.h"
