@@ -4,13 +4,13 @@
 #
 #   sh test/bench_estimate.sh ./mlt [SEEDS [BUDGETS [REFERENCE [FOLDER]]]]
 #
-# BUDGETS are mutations per pixel ('50 150 450'), so that nothing depends on the load; path and bdpt get a fifth as many samples. The reference of a
+# BUDGETS are mutations per pixel ('32 100 320 1000'), so that nothing depends on the load; path and bdpt get a fifth as many samples. The reference of a
 # scene is merged from three runs of mlt of REFERENCE (4000) mutations per pixel each; it is kept in FOLDER and used again. SCENES and WAYS in the
 # environment name others. For each scene, way and budget: the median of the ratio over seeds, the least and largest, and the means of both errors;
 # a reference's own error is a part of the second. FOLDER/estimate.csv keeps all. The default takes about an hour.
 mlt=$1
 seeds=${2:-16}
-budgets=${3:-50 150 450}
+budgets=${3:-32 100 320 1000}
 reference=${4:-4000}
 folder=${5:-build/bench/estimate}
 mkdir -p "$folder" || exit 1
