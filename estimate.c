@@ -355,7 +355,7 @@ void run_learn(Render *r)
     float *local = malloc((pilot ? 3 : 1) * r->pixels * sizeof *local), *plain = local && pilot ? local + r->pixels : NULL;
     double mean, sampled = 0, chain = 0, chain_energy = 0;   /* the last three relative to the picture, summed over values */
     r->learned = (double)*r->scene->rays;
-    if (r->has_direct && r->passes.first) run_evenness(r);
+    if (r->passes.first) run_evenness(r);
     if (!local || !learn_brightness(r, local, plain, &mean)) {    /* goes on with what it knew */
         free(local);
         return;

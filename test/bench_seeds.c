@@ -71,7 +71,9 @@ int main(int argc, char **argv)
         const char *value = i + 1 < argc ? argv[i + 1] : "";
         if (!strcmp(argv[i], "--seeds")) seeds = atoi(value);
         else if (!strcmp(argv[i], "--mutations")) per_pixel = strtod(value, NULL);
-        else if (!strcmp(argv[i], "--integrator")) integrator = !strcmp(value, "path") ? INTEGRATOR_PATH : !strcmp(value, "bdpt") ? INTEGRATOR_BDPT : INTEGRATOR_MLT;
+        else if (!strcmp(argv[i], "--integrator") && !strcmp(value, "mlt")) integrator = INTEGRATOR_MLT;
+        else if (!strcmp(argv[i], "--integrator") && !strcmp(value, "path")) integrator = INTEGRATOR_PATH;
+        else if (!strcmp(argv[i], "--integrator") && !strcmp(value, "bdpt")) integrator = INTEGRATOR_BDPT;
         else seeds = 0;
         bad = seeds < 2 || seeds > MOST || !(per_pixel > 0);
         i++;
