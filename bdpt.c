@@ -6,6 +6,7 @@
  * Russian roulette: a subpath goes on from a vertex with the probability 'survival' of its surface; 1/S is multiplied by it.
  */
 #include "bdpt.h"
+#include "bend.h"
 #include <stdlib.h>
 #include <string.h>
 
@@ -24,9 +25,10 @@ struct Bdpt {
     bool lens_joined[MAX_EDGES + 1];           /* whether any edge up to lens vertex j could be joined */
     double lens_survival[MAX_EDGES + 1];       /* over lens vertices 3 .. j */
     double lens_q[MAX_EDGES + 1];              /* product of the modes' chances at them */
+    Path whole;                                /* a candidate's, where walks are bent */
 };
 
-Bdpt *bdpt_new(void) { return malloc(sizeof(Bdpt)); }
+Bdpt *bdpt_new(void) { return calloc(1, sizeof(Bdpt)); }
 void bdpt_free(Bdpt *bdpt) { free(bdpt); }
 
 static Vertex *lens_vertex(const Bdpt *b, int j) { return (Vertex *)&b->lens.v[MAX_EDGES - j]; }
@@ -77,7 +79,21 @@ static void trace_light(Bdpt *b, const Space *space, Rng *rng)
     }
 }
 
-static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng)
+/* Of the path of lens vertices alone that a bent walk has made. */
+typedef struct { Bdpt *bdpt; const Space *space; int n_lens; void (*visit)(void *, const Candidate *); void *context; } Bending;
+static void join_bent(void *context, const Bent *bent)
+{
+    const Bending *of = context;
+    Path *p = &of->bdpt->whole;
+    int n_lens = of->n_lens + bent->d;
+    if (n_lens - 1 > of->space->max_depth || !bdpt_path(of->bdpt, of->space, 0, n_lens, p)) return;
+    double sum = path_bidirectional_value(of->space, p) / luminance(p->colour), weight = of->space->film ? (double)of->space->film[p->pixel].weight : 1;
+    Candidate c = { .n_lens = n_lens, .pixel = p->pixel, .rgb = scale(bent->times * sum, p->colour), .value = p->value, .share = p->share, .reach = path_reach(p) };
+    c.weight = c.share * luminance(c.rgb) * weight;
+    if (c.weight > 0 && !(of->space->part == REST && c.reach == REACH_UNJOINED)) of->visit(of->context, &c);
+}
+
+static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
 {
     Path *p = &b->lens;
     p->k = MAX_EDGES;
@@ -93,6 +109,12 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
     b->n_lens = 2;
     for (int j = 1; j < space->max_depth; j++) {
         int i = MAX_EDGES - j;
+        if (space->bent && space->direct != DIRECT_ONLY && !material_is_specular(p->v[i].point.surface.material)) {
+            const double light[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
+            Bending bending = { b, space, j + 1, visit, context };
+            p->v[i].mode = MODE_NONE;
+            bend_walk(space->scene, &p->v[i], p->v[i].to_lens, light, rng, join_bent, &bending);
+        }
         if (rng_double(rng) >= path_survival(&p->v[i].point)) return true;
         if (!path_grow_to_light(space, p, i, rng) || !path_scatter(space, p, i)) return true;
         with_survival(&p->v[i]);
@@ -136,7 +158,12 @@ static Routes extend(Routes a, const Scatter *from, double inv_G, const Scatter 
 }
 
 /* Fills the candidate of n_light and n_lens vertices; false if it carries nothing. */
-static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Candidate *c)
+static bool specular_at_light(const Bdpt *b, int n_light, int n_lens)
+{
+    return n_light == 0 ? n_lens > 2 && lens_vertex(b, n_lens - 2)->mode != MODE_NONE : n_light > 2 && b->light.v[1].mode != MODE_NONE;
+}
+
+static bool join(Bdpt *b, const Space *space, int n_light, int n_lens, Candidate *c)
 {
     const Vertex *lens = lens_vertex(b, n_lens - 1);
     double x = b->lens.raster_x, y = b->lens.raster_y;
@@ -208,6 +235,12 @@ static bool join(const Bdpt *b, const Space *space, int n_light, int n_lens, Can
     c->share = space_share(space, c->pixel, c->value, c->reach);
     if (!(c->share > 0) || (space->part == REST && c->reach == REACH_UNJOINED)) return false;
     if (n_light > 0 && !scene_visible(space->scene, &b->light.v[n_light - 1].point, &lens->point)) return false;
+    if (space->bent && !direct && specular_at_light(b, n_light, n_lens)) {
+        if (!bdpt_path(b, space, n_light, n_lens, &b->whole)) return false;
+        total = luminance(b->whole.colour) / path_bidirectional_value(space, &b->whole);
+        c->value = b->whole.value;
+        c->share = b->whole.share;
+    }
     c->n_light = n_light;
     c->n_lens = n_lens;
     c->rgb = scale(1 / total, colour);
@@ -220,7 +253,7 @@ void bdpt_sample(Bdpt *b, const Space *space, double x, double y, Rng *rng, void
     if (space->scene->n_lights == 0) return;
     Candidate c;
     trace_light(b, space, rng);
-    trace_lens(b, space, x, y, rng);
+    trace_lens(b, space, x, y, rng, visit, context);
     for (int n_light = 0; n_light <= b->n_light; n_light++)
         for (int n_lens = n_light == 0 ? 2 : 1; n_lens <= b->n_lens; n_lens++)
             if (counts(b, space, n_light, n_lens) && join(b, space, n_light, n_lens, &c)) visit(context, &c);
@@ -230,16 +263,17 @@ const char *const path_class_name[CLASSES] = {
     "direct light", "diffuse reflection", "caustics", "caustics seen through glass, water or mirrors", "other specular reflection"
 };
 
+bool bdpt_may_be_bent(const Bdpt *b, const Candidate *c) { return !reach_is_direct(c->reach) && specular_at_light(b, c->n_light, c->n_lens); }
+
 PathClass bdpt_class(const Bdpt *b, const Candidate *c)
 {
     if (reach_is_direct(c->reach)) return CLASS_DIRECT;
     /* specular vertices: light 1 .. last_light, lens 1 .. last_lens; those joined never are */
     int last_light = c->n_light - 2, last_lens = c->n_lens - 2;
-    bool at_lens = last_lens > 0 && lens_vertex(b, 1)->mode != MODE_NONE, at_light, any = last_lens > 0 && b->lens_diffuse[last_lens] < last_lens;
-    if (c->n_light == 0) at_light = lens_vertex(b, last_lens)->mode != MODE_NONE;
-    else at_light = last_light > 0 && b->light.v[1].mode != MODE_NONE;
+    bool at_lens = last_lens > 0 && lens_vertex(b, 1)->mode != MODE_NONE;
+    if (specular_at_light(b, c->n_light, c->n_lens)) return at_lens ? CLASS_CAUSTIC_SEEN : CLASS_CAUSTIC;
+    bool any = last_lens > 0 && b->lens_diffuse[last_lens] < last_lens;
     for (int i = 1; i <= last_light && !any; i++) any = b->light.v[i].mode != MODE_NONE;
-    if (at_light) return at_lens ? CLASS_CAUSTIC_SEEN : CLASS_CAUSTIC;
     return any ? CLASS_SPECULAR : CLASS_DIFFUSE;
 }
 

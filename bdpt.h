@@ -17,9 +17,12 @@ void bdpt_free(Bdpt *bdpt);
  * With (x, y) uniform over the film, the expectation of the sum of rgb over candidates in pixel j, times the number of pixels, is pixel j. */
 void bdpt_sample(Bdpt *bdpt, const Space *space, double x, double y, Rng *rng, void (*visit)(void *context, const Candidate *), void *context);
 
-/* Of a candidate of bdpt_sample; valid until the next one. */
+/* Of the candidate that is being visited. */
 PathClass bdpt_class(const Bdpt *bdpt, const Candidate *candidate);
 
-/* The candidate's whole path, evaluated; valid until the next bdpt_sample. */
+/* Of the candidate that is being visited: whether a walk could have been bent to make its path (bend.h). */
+bool bdpt_may_be_bent(const Bdpt *bdpt, const Candidate *candidate);
+
+/* The candidate's whole path, evaluated; to be asked for while it is being visited. */
 bool bdpt_path(const Bdpt *bdpt, const Space *space, int n_light, int n_lens, Path *out);
 #endif

@@ -66,13 +66,12 @@ void bootstrap_free(Bootstrap *s)
 }
 
 /* Finds the candidate at which a running sum passes 'left'. */
-typedef struct { double left; Candidate chosen; bool found; } Pick;
+typedef struct { double left; const Space *space; Bdpt *bdpt; Path *x; bool found; } Pick;
 static void pick(void *context, const Candidate *c)
 {
     Pick *p = context;
     if (p->found && p->left < 0) return;
-    p->chosen = *c;                            /* the last one stays if rounding lets the sum end just below */
-    p->found = true;
+    p->found = bdpt_path(p->bdpt, p->space, c->n_light, c->n_lens, p->x);     /* the last one stays if rounding lets the sum end just below */
     p->left -= c->weight;
 }
 
@@ -87,9 +86,9 @@ bool bootstrap_seed(const Bootstrap *s, const Space *space, Bdpt *bdpt, double u
         else low = middle + 1;
     }
     Rng rng;
-    Pick p = { .left = target - (low > 0 ? s->sum[low - 1] : 0) };
+    Pick p = { .left = target - (low > 0 ? s->sum[low - 1] : 0), .space = space, .bdpt = bdpt, .x = x };
     sample(s, space, bdpt, low, &rng, pick, &p);
-    return p.found && bdpt_path(bdpt, space, p.chosen.n_light, p.chosen.n_lens, x);
+    return p.found;
 }
 
 enum { SHORTEST_STEP = -3, LONGEST_STEP = 1 };    /* powers of 2 */

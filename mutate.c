@@ -145,6 +145,7 @@ Outcome bidir_propose(const Space *space, const Tuning *tuning, const Path *x, P
     /* y = x_0 .. x_s  z_1 .. z_m  x_t .. x_k */
     y->k = x->k - k_d + k_a;
     y->light_pdf_a = x->light_pdf_a;
+    y->known = x->known;
     y->raster_x = x->raster_x;
     y->raster_y = x->raster_y;
     y->pixel = x->pixel;

@@ -1,5 +1,5 @@
 /* Path space: growth by one vertex, and the cached quantities of a path. See path.h for the symbols. */
-#include "path.h"
+#include "specular.h"
 #include "cache.h"
 #include <string.h>
 
@@ -94,25 +94,68 @@ Reach path_reach(const Path *p)
     return direct ? joined ? REACH_DIRECT : REACH_SEEN : joined ? REACH_INDIRECT : REACH_UNJOINED;
 }
 
-static double traced_value(const Scene *scene, const Path *p, Reach reach)
+/* The vertex that is not specular next to the light, where specular ones lie between; 0 if that is none, or the lens. */
+static int bent_at(const Path *p)
 {
+    int d = 1;
+    while (path_specular(p, d)) d++;
+    return d > 1 && d < p->k && d - 1 <= MOST_SPECULAR ? d : 0;
+}
+
+static bool equal(Vec3 a, Vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
+
+static SpecularWay way_to(const Scene *scene, Path *p, int d)
+{
+    const Vec3 at[4] = { p->v[0].point.p, p->v[1].point.p, p->v[d - 1].point.p, p->v[d].point.p };
+    bool known = p->known.d == d;
+    for (int i = 0; i < 4 && known; i++) known = equal(at[i], p->known.at[i]);
+    if (!known) {
+        p->known.d = d;
+        memcpy(p->known.at, at, sizeof at);
+        p->known.way = specular_way(scene, p->v, d);
+    }
+    return p->known.way;
+}
+
+/* Density of bending a walk from v[d], over f of the path from there. */
+static double bent(const Scene *scene, Path *p, int d)
+{
+    const Vertex *v = &p->v[d];
+    SpecularWay way = way_to(scene, p, d);
+    double inverse = p->light_pdf_a * p->v[0].s.inv_F * v->s.inv_F / (fabs(dot(v[-1].to_lens, v->point.surface.ng)) * way.spread), modes = 1;
+    for (int i = 1; i < d; i++) {
+        inverse *= p->v[i].s.inv_S_light / p->v[i].s.q;
+        modes *= p->v[i].s.q;
+    }
+    return inverse * specular_chance(&way, v->s.inv_S_light / v->s.inv_F * fabs(dot(v[-1].to_lens, v->point.surface.ng)) * modes).nominal;
+}
+
+static double traced_value(const Space *space, Path *p, Reach reach)
+{
+    const Scene *scene = space->scene;
     double from_lens = path_inv_C(p, -1) * path_inv_S_light(p, 1), joined = p->k > 1 ? path_inv_S_lens(p, -1) * path_inv_C(p, 0) : 0, q = 1;
     if (joined > 0) from_lens += joined * scene_light_preference(scene, &p->v[1].point, &p->v[0].point);
-    for (int i = 2; i <= p->k; i++) from_lens *= path_inv_S_light(p, i);
+    int d = space->bent && !reach_is_direct(reach) ? bent_at(p) : 0;
+    for (int i = 2; i <= p->k; i++) {
+        from_lens *= path_inv_S_light(p, i);
+        if (i == d) from_lens += bent(scene, p, d);
+    }
     for (int i = 1; i < p->k; i++) from_lens *= path_traced_survival(&p->v[i].point, p->k - i);
     if (reach_is_direct(reach))
         for (int i = 1; i < p->k; i++) q *= p->v[i].s.q;
     return luminance(p->colour) * q / from_lens;
 }
 
-double path_traced_value(const Scene *scene, const Path *p) { return traced_value(scene, p, path_reach(p)); }
+double path_traced_value(const Space *space, Path *p) { return traced_value(space, p, path_reach(p)); }
 
-double path_bidirectional_value(const Path *p)
+double path_bidirectional_value(const Space *space, Path *p)
 {
     double sum = path_inv_C(p, -1), grown = path_inv_S_lens(p, -1), survival = 1;    /* path_routes(-1, k+1), with roulette */
+    int d = space->bent && !reach_is_direct(path_reach(p)) ? bent_at(p) : 0;
     for (int e = 0, k = p->k; e < k; e++) {
         double next = e + 1 < k ? path_survival(&p->v[e + 1].point) : 1;
         sum = sum * path_inv_S_light(p, e + 1) * next + grown * path_inv_C(p, e);
+        if (e + 1 == d) sum += bent(space->scene, p, d);
         grown *= path_inv_S_lens(p, e) * survival;
         survival = next;
     }
@@ -126,9 +169,10 @@ void path_finish(const Space *space, Path *p)
     Reach reach = path_reach(p);
     bool in = p->k <= space->max_depth && (space->direct == DIRECT_INCLUDED || reach_is_direct(reach) == (space->direct == DIRECT_ONLY));
     p->share = !in ? 0 : 1;
+    p->value = 0;
     if (in && space->part != WHOLE) {
-        bool bidirectional = space->bidirectional && !reach_is_direct(reach);
-        p->share = space_share(space, p->pixel, bidirectional ? path_bidirectional_value(p) : traced_value(space->scene, p, reach), reach);
+        p->value = space->bidirectional && !reach_is_direct(reach) ? path_bidirectional_value(space, p) : traced_value(space, p, reach);
+        p->share = space_share(space, p->pixel, p->value, reach);
     }
     p->chi = p->share * luminance(p->colour) * (space->film ? (double)space->film[p->pixel].weight : 1);
 }

@@ -27,12 +27,21 @@ typedef struct {
     double inv_G;
 } Vertex;
 
+/* What a way through specular vertices tells of the others near it (specular.h). */
+typedef struct {
+    double spread;                 /* |dw/dx_0|: solid angle at the vertex that it comes to over area at x_0; with nothing between it would be cos/r^2 */
+    double basin;                  /* the solid angle there about w from which a search is likely to find this way, roughly */
+    bool through;                  /* refraction alone, and a search from the straight line to the lamp is likely to find it */
+} SpecularWay;
+
 typedef struct {
     int k;                         /* edges */
+    struct { Vec3 at[4]; int d; SpecularWay way; } known;      /* the last way that was asked for, and where it goes: it takes rays to tell */
     double raster_x, raster_y;     /* where the last edge meets the film, pixels */
     uint32_t pixel;                /* row-major index of that pixel */
     double light_pdf_a;            /* p_A(x_0), per area */
     Rgb colour;                    /* product of f_s^rgb / F, light and lens included */
+    double value;                  /* by which it is capped (path_traced_value, path_bidirectional_value); 0 while the integrand is whole */
     double share, chi;
     Vertex v[MAX_EDGES + 1];
 } Path;
@@ -66,6 +75,7 @@ typedef struct {
     const Pixel *film;             /* [pixels]; NULL for w = 1 and the WHOLE */
     Part part;
     double seen;                   /* REACH_SEEN has its threshold at so many times that of indirect light */
+    bool bent;                     /* independent samples' walks from the lens are also bent through specular vertices, to meet a lamp (bend.h) */
     bool bidirectional;            /* indirect light is capped by its value to a bidirectional path tracer; the path tracer has direct light alone then */
 } Space;
 
@@ -112,9 +122,9 @@ Reach path_reach(const Path *path);
 /* Luminance of f/p, p the density with which a path tracer finds the path: growing it from the lens until it meets the light by itself, or
  * joining x_1 to a sampled light point (the balance heuristic over both), Russian roulette included as far as the first of them meets it. At glass it draws
  * the mode, and p has the mode's chance in it, but for direct light, for which it goes both ways. */
-double path_traced_value(const Scene *scene, const Path *path);
+double path_traced_value(const Space *space, Path *path);
 /* The same of a bidirectional path tracer (bdpt.h), Russian roulette included. */
-double path_bidirectional_value(const Path *path);
+double path_bidirectional_value(const Space *space, Path *path);
 /* Its chance to go on from a point, a function of that alone so that every technique can tell it. */
 static inline double path_survival(const Point *point) { return bsdf_albedo(&point->surface); }
 /* The path tracer's chance, at a point so many edges from the lens. */

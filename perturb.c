@@ -69,6 +69,7 @@ Outcome perturb_evaluate(const Space *space, Path *y, int from, int to, int join
 static void keep_ends(const Path *x, Path *y, int last_kept)
 {
     y->k = x->k;
+    y->known = x->known;
     y->light_pdf_a = x->light_pdf_a;
     memcpy(y->v, x->v, (size_t)(last_kept + 1) * sizeof y->v[0]);
     y->v[x->k] = x->v[x->k];

@@ -52,11 +52,13 @@ Render *render_new(const Scene *scene, const Settings *settings)
         r->has_direct = settings->direct == LIGHT_ONLY || settings->direct == LIGHT_APART;
         r->direct_space.direct = DIRECT_ONLY;
         if (settings->direct == LIGHT_APART) r->chain_space.direct = r->joined_space.direct = DIRECT_EXCLUDED;
+        r->joined_space.bent = r->chain_space.bent = scene->has_specular;
         r->pilot = r->has_chain;
     } else r->has_direct = true;
     r->bidirectional = settings->integrator == INTEGRATOR_BDPT;
+
     size_t doubles = 3 * r->pixels;
-    bool ok = (r->bdpt = bdpt_new()) && (r->x = malloc(sizeof *r->x)) && (r->y = malloc(sizeof *r->y)) && (r->trail = malloc(sizeof *r->trail));
+    bool ok = (r->bdpt = bdpt_new()) && (r->x = calloc(1, sizeof *r->x)) && (r->y = calloc(1, sizeof *r->y)) && (r->trail = calloc(1, sizeof *r->trail));
     if (r->has_direct)
         ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.direct = calloc(r->pixels, 8))
             && (r->passes.first = calloc(run_firsts(r), 8)) && (r->passes.often = calloc(r->pixels, 4)) && (r->passes.cost = calloc(r->pixels, 4))
@@ -64,7 +66,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     if (r->bidirectional || (r->has_chain && r->has_direct))
         ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)
-        ok = ok && (r->met.seed = malloc(SEEDS * sizeof *r->met.seed)) && (r->picture = calloc(r->pixels, sizeof *r->picture))
+        ok = ok && (r->met.seed = calloc(SEEDS, sizeof *r->met.seed)) && (r->picture = calloc(r->pixels, sizeof *r->picture))
             && (r->film = large_alloc(r->pixels * sizeof *r->film)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8));
     if (!ok) { render_free(r); return NULL; }
     for (size_t i = 0; r->has_chain && i < r->pixels; i++) r->film[i] = (Pixel){ .weight = 1 };

@@ -56,6 +56,25 @@ typedef struct {
 enum { TILES_ACROSS = 8, TILE_PIXELS = 16 };   /* at most so many; not smaller than so many pixels */
 typedef struct { double sum, square, largest; } Tile;
 
+/* Who could have the easy part: a path tracer or a bidirectional one, without or with walks that are bent. */
+typedef enum { TRACED, TRACED_BENT, JOINED, JOINED_BENT, WAYS } Way;
+enum { CUTS = 18 };                /* tau that are weighed */
+
+/* What the survey has drawn. Sums of squares of values, or of what stands for them, and of their squares: */
+typedef struct { double sum, square; } Moment;
+/* What each tau would bring, summed over samples and relative to the picture: mean and second moment of the capped estimate, of one sample in its own pixel
+ * and of each light path elsewhere. */
+typedef struct {
+    Rng rng;
+    double n, rays, seconds;
+    double mean[CUTS], own[CUTS];  /* own: of the sample under way */
+    Moment moment[CUTS];
+} Capped;
+/* The same by bidirectional samples, path by path: the light that is left to the chains, of that the squares of what is met by chance alone (run_meet), how
+ * many paths are above tau, and the second moment. */
+typedef struct { double n, indirect, left[CUTS], met[CUTS], above[CUTS]; Moment moment[CUTS]; } Told;
+typedef struct { Capped capped[WAYS], direct; Told told[WAYS]; } Surveyed;
+
 struct Render {
     const Scene *scene;
     const Settings *settings;
@@ -63,6 +82,7 @@ struct Render {
     Space chain_space, direct_space, joined_space;   /* of the chains; of the path tracer; of the bidirectional path tracer */
     bool has_chain, has_direct;    /* any independent samples */
     bool bidirectional;            /* some of them are */
+    bool bent;                     /* some of their walks are bent (bend.h) */
     bool pilot;                    /* what is done now teaches, and is thrown away */
     Sampler sampler;
     Bdpt *bdpt;
@@ -87,6 +107,7 @@ struct Render {
     double rays_per_step;          /* of the chains; 0 where they have found nothing */
     double seeds;                  /* worth a chain of their own, in the last round; 0 while unknown */
     double tau;                    /* thresholds are so many times the picture; 0 while the integrand is whole */
+    Surveyed surveyed;
     double learned;                /* rays before the last run_learn */
     double whole_error, left;      /* of pilots: error times rays of the chains with the integrand whole; share of it that the first survey left to them */
     double relative_error;

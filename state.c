@@ -148,6 +148,8 @@ static void pass_state(Stream *s, Render *r)
     pass(s, r->tile, sizeof r->tile);
     pass(s, &divided, sizeof divided);
     pass(s, &r->bidirectional, sizeof r->bidirectional);
+    pass(s, &r->bent, sizeof r->bent);
+    pass(s, &r->surveyed, sizeof r->surveyed);
     pass(s, &r->pilot, sizeof r->pilot);
     if (divided && !s->write) run_divide(r);
     pass(s, &r->sampler.tuning, sizeof r->sampler.tuning);

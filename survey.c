@@ -2,7 +2,7 @@
 #include "run.h"
 
 enum {
-    CUTS = 18, FIRST_CUT = -8,     /* tau that are weighed: 2^-8 .. 2^9 times the picture's own value */
+    FIRST_CUT = -8,                /* tau that are weighed: 2^-8 .. 2^9 times the picture's own value */
     SURE_CUTS = 14,                /* .. 2^5 whatever the survey has seen above them */
     LEAST_ABOVE = 32,              /* paths that it must have seen above a higher one */
     SURVEY = 4000,                 /* samples for that, of each kind, at least */
@@ -10,12 +10,13 @@ enum {
     SEEN_MOST = 16,                /* times the picture's value: threshold of lamps seen by way of specular vertices */
     DIRECT_RAYS = 2,               /* of a sample of direct light alone */
     UNKNOWN_ERROR = 10,            /* error times rays of the chains where a pilot has been too short for any: what is usual */
+    SPREAD_OVER = 100,             /* pixels over which chains spread a path that was met by chance, rather too few */
     MOST_ERROR = 32                /* of a second pilot over that of the first: rare paths may dominate it, of which it has had less than its share */
 };
 /* Samples of a path tracer fill their ranges evenly, and err less than their variance says. That matters where they are on their own (rays per ray of the
  * chains) and rivalled by bidirectional ones: chains' errors are foretold too low. */
 static const double ALONE = 20, EVEN = 0.7;
-static const double SURVEY_SHARE = 0.1;    /* of the rays of the pilot's chains, for each kind, at least */
+static const double SURVEY_SHARE = 0.5;    /* of the rays of the pilot's chains, for each kind, at least */
 
 /* What is capped is the path tracer's; or direct light is, and a bidirectional one has the rest of it. */
 void run_divide(Render *r)
@@ -24,75 +25,151 @@ void run_divide(Render *r)
     r->direct_space.part = CAPPED;
     r->direct_space.seen = isinf(r->tau) ? 1 : SEEN_MOST / r->tau;
     r->direct_space.bidirectional = r->chain_space.bidirectional = r->bidirectional;
+    r->direct_space.bent = r->chain_space.bent = r->bent;
     r->joined_space = r->direct_space;
     r->joined_space.direct = DIRECT_EXCLUDED;
     r->chain_space.part = REST;
 }
 
-/* What each tau would bring, summed over samples and relative to the picture: the light that is left to the chains, and mean and second moment of the
- * capped estimate, of one sample in its own pixel and of each light path elsewhere; how many paths are above tau. */
-typedef struct { double left[CUTS], mean[CUTS], moment[CUTS], own[CUTS], above[CUTS]; } Capped;
+static bool joins(Way way) { return way >= JOINED; }
+static bool bends(Way way) { return way % 2 == 1; }
+
+static void add_square(Moment *m, double x) { m->sum += x; m->square += x * x; }
+/* Of one of n: few rare values may dominate it, and then it is rather too small. */
+static double moment(const Moment *m, double n) { return (m->sum + 2 * sqrt(m->square)) / n; }
 
 /* The path tracer's moment twice: of its own samples, which know how paths of one sample go together, and from bidirectional samples path by path,
  * which know what the path tracer finds too rarely. Direct light is bounded: a lamp that fills little of a pixel may be missing from the pilot's picture, and
  * one sample of it would decide. */
-typedef struct { const Pixel *film; const float *picture; double scale, indirect, expected_moment[CUTS]; Capped traced, direct, joined; } Survey;
+typedef struct {
+    Render *render;
+    double scale;
+    Way way;                       /* whose samples are drawn */
+    Space plain, bent;             /* the whole */
+    Surveyed *sum;
+} Survey;
 
 static double tau_of(int i) { return ldexp(1, FIRST_CUT + i); }
 static double kept(double value, double tau) { return value > tau ? tau / value : 1; }
 
+static void tell(Told *told, Reach reach, double share, double value, double to_tau)
+{
+    bool direct = reach_is_direct(reach);
+    if (direct) value = fmin(value, DIRECT_MOST);
+    else told->indirect += share;
+    for (int i = 0; i < CUTS; i++) {
+        double k = direct ? 1 : kept(to_tau * value, tau_of(i));
+        told->left[i] += share * (1 - k);
+        told->above[i] += k < 1;
+        if (!isfinite(value)) continue;
+        add_square(&told->moment[i], share * k * k * value);
+        if (reach == REACH_UNJOINED) told->met[i] += share * (1 - k) * (1 - k) * value;
+    }
+}
+
 static void survey_candidate(void *context, const Candidate *c)
 {
     Survey *s = context;
-    double picture = (double)s->picture[c->pixel], to_tau = picture / (s->scale * (double)s->film[c->pixel].threshold);
-    double joined = luminance(c->rgb) / picture, traced = c->value / picture;
+    Render *r = s->render;
+    double picture = (double)r->picture[c->pixel], to_tau = picture / (s->scale * (double)r->film[c->pixel].threshold);
+    double joined = luminance(c->rgb) / picture, value = joined, plain = joined, traced = c->value, bent = traced;
     if (!isfinite(joined)) return;
     bool direct = reach_is_direct(c->reach);
-    double share = direct ? fmin(joined, DIRECT_MOST) : joined;
-    if (direct) traced = fmin(traced, DIRECT_MOST);
-    else s->indirect += joined;
+    if (bends(s->way) && bdpt_may_be_bent(r->bdpt, c)) {
+        if (!bdpt_path(r->bdpt, &s->bent, c->n_light, c->n_lens, r->x)) return;
+        traced = path_traced_value(&s->plain, r->x);
+        bent = path_traced_value(&s->bent, r->x);
+        value = path_bidirectional_value(&s->bent, r->x) / picture;
+        plain = path_bidirectional_value(&s->plain, r->x) / picture;
+    }
+    if (!isfinite(value)) return;
+    if (bends(s->way) || !r->scene->has_specular) {     /* they find all that can be found */
+        double share = direct ? fmin(joined, DIRECT_MOST) : joined;
+        tell(&s->sum->told[TRACED], c->reach, share, traced / picture, to_tau);
+        tell(&s->sum->told[TRACED_BENT], c->reach, share, bent / picture, to_tau);
+        if (!direct) {
+            tell(&s->sum->told[JOINED], c->reach, joined, plain, to_tau);
+            tell(&s->sum->told[JOINED_BENT], c->reach, joined, value, to_tau);
+        }
+    }
+    if (direct) return;
+    Capped *capped = &s->sum->capped[s->way];
     for (int i = 0; i < CUTS; i++) {
-        double tau = tau_of(i), k = direct ? 1 : kept(to_tau * traced, tau);
-        s->traced.left[i] += share * (1 - k);
-        s->traced.above[i] += k < 1;
-        if (isfinite(k * traced)) s->expected_moment[i] += share * k * k * traced;
-        if (direct) continue;
-        k = kept(to_tau * joined, tau);
-        s->joined.left[i] += joined * (1 - k);
-        s->joined.above[i] += k < 1;
-        if (c->n_lens > 1) s->joined.own[i] += k * joined;
-        else s->joined.moment[i] += k * joined * k * joined;
+        double k = kept(to_tau * value, tau_of(i));
+        if (c->n_lens > 1) capped->own[i] += k * joined;
+        else add_square(&capped->moment[i], k * joined * k * joined);
     }
 }
 
 static void survey_traced(void *context, const Candidate *c)
 {
     Survey *s = context;
-    double picture = (double)s->picture[c->pixel], to_tau = picture / (s->scale * (double)s->film[c->pixel].threshold);
+    const Render *r = s->render;
+    double picture = (double)r->picture[c->pixel], to_tau = picture / (s->scale * (double)r->film[c->pixel].threshold);
     double share = luminance(c->rgb) / picture, value = c->value / picture;
     if (!isfinite(share) || !(share > 0)) return;
     bool direct = reach_is_direct(c->reach);
     if (direct) share = fmin(share, DIRECT_MOST);
     for (int i = 0; i < CUTS; i++) {
-        s->traced.own[i] += share * (direct ? 1 : kept(to_tau * value, tau_of(i)));
-        if (direct) s->direct.own[i] += share;
+        s->sum->capped[s->way].own[i] += share * (direct ? 1 : kept(to_tau * value, tau_of(i)));
+        if (direct && s->way == TRACED) s->sum->direct.own[i] += share;
     }
 }
 
 static void end_sample(Capped *c)
 {
     for (int i = 0; i < CUTS; i++) {
-        c->moment[i] += c->own[i] * c->own[i];
+        add_square(&c->moment[i], c->own[i] * c->own[i]);
         c->mean[i] += c->own[i];
         c->own[i] = 0;
     }
 }
 
 /* Of what lands in one pixel; not less than a share of the moment, for so few samples know little of rare values. */
-static double variance(const Capped *c, int i, double n, double moment)
+static double variance(const Capped *c, int i, double square)
 {
-    double mean = c->mean[i] / n;
-    return fmax(moment - mean * mean, 0.02 * moment);
+    double mean = c->mean[i] / c->n;
+    return fmax(square - mean * mean, 0.02 * square);
+}
+
+/* Draws samples of one way, until there are enough and they have had so many rays. A second survey finds those of the first. */
+static void draw(Survey *s, Way way, double most)
+{
+    Render *r = s->render;
+    const Camera *camera = &r->scene->camera;
+    const Space *space = bends(way) ? &s->bent : &s->plain;
+    Capped *c = &s->sum->capped[way];
+    uint64_t *rays = r->scene->rays, before = *rays;
+    double began = clock_now(), drawn = c->rays;
+    if (c->n == 0) c->rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) - 1 - (uint64_t)way);
+    for (s->way = way; c->n < SURVEY || c->rays < most; c->n++) {
+        if (joins(way)) bdpt_sample(r->bdpt, space, rng_double(&c->rng) * camera->width, rng_double(&c->rng) * camera->height, &c->rng, survey_candidate, s);
+        else {
+            const Numbers numbers = numbers_random(&c->rng);
+            path_trace(space, rng_index(&c->rng, camera->width), rng_index(&c->rng, camera->height), &numbers, &c->rng, r->trail, survey_traced, s);
+        }
+        end_sample(c);
+        if (way == TRACED) end_sample(&s->sum->direct);
+        c->rays = drawn + (double)(*rays - before);
+    }
+    c->seconds += clock_now() - began;
+}
+
+/* Of one sample. */
+static double way_variance(const Surveyed *s, Way way, int i)
+{
+    const Capped *c = &s->capped[way];
+    const Told *told = &s->told[way];
+    double by_capped = variance(c, i, fmax(moment(&c->moment[i], c->n), moment(&told->moment[i], told->n))) + told->met[i] / (told->n * SPREAD_OVER);
+    return joins(way) ? by_capped + variance(&s->direct, i, moment(&s->direct.moment[i], s->direct.n)) : by_capped;
+}
+
+/* A bidirectional sample has one of direct light beside it. */
+static double way_rays(const Surveyed *s, Way way) { return s->capped[way].rays / s->capped[way].n + (joins(way) ? DIRECT_RAYS : 0); }
+static double way_seconds(const Surveyed *s, Way way)
+{
+    const Capped *c = &s->capped[way];
+    return c->seconds / c->n * (joins(way) ? 1 + DIRECT_RAYS * c->n / c->rays : 1);
 }
 
 /* The share of the time that is left which two passes of samples take, of so many seconds each: less there cannot be. */
@@ -115,27 +192,15 @@ static double together(double a, double b, double least)
  * nothing for long. Spent in the best proportion, both together have (sqrt(a) + sqrt(b))^2. Scales the thresholds. */
 void run_survey(Render *r)
 {
-    const Camera *camera = &r->scene->camera;
-    Survey s = { .film = r->film, .picture = r->picture, .scale = r->tau > 0 ? 1 / r->tau : 1 };
     Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED };
-    Rng rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) - 1);
-    uint64_t *rays = r->scene->rays, before = *rays;
-    double chain_rays = (double)(r->stats.chain_rays + r->stats.start_rays), most = SURVEY_SHARE * chain_rays, n_joined = 0, n_traced = 0;
-    double began = clock_now();
-    for (; n_joined < SURVEY || (double)(*rays - before) < most; n_joined++) {
-        bdpt_sample(r->bdpt, &all, rng_double(&rng) * camera->width, rng_double(&rng) * camera->height, &rng, survey_candidate, &s);
-        end_sample(&s.joined);
-    }
-    double joined_rays = (double)(*rays - before) / n_joined, joined_seconds = (clock_now() - began) / n_joined;
-    began = clock_now();
-    before = *rays;
-    for (; n_traced < SURVEY || (double)(*rays - before) < most; n_traced++) {
-        const Numbers numbers = numbers_random(&rng);
-        path_trace(&all, rng_index(&rng, camera->width), rng_index(&rng, camera->height), &numbers, &rng, r->trail, survey_traced, &s);
-        end_sample(&s.traced);
-        end_sample(&s.direct);
-    }
-    double traced_rays = (double)(*rays - before) / n_traced, traced_seconds = (clock_now() - began) / n_traced, best = INFINITY, scale = r->tau > 0 ? r->tau : 1;
+    Surveyed *sum = &r->surveyed;
+    Survey s = { .render = r, .scale = r->tau > 0 ? 1 / r->tau : 1, .plain = all, .bent = all, .sum = sum };
+    s.bent.bent = true;
+    double chain_rays = (double)(r->stats.chain_rays + r->stats.start_rays), best = INFINITY, scale = r->tau > 0 ? r->tau : 1;
+    for (Way way = TRACED; way < WAYS; way++)
+        if (!bends(way) || r->scene->has_specular) draw(&s, way, SURVEY_SHARE * chain_rays);
+    sum->direct.n = sum->capped[TRACED].n;
+    for (Way way = TRACED; way < WAYS; way++) sum->told[way].n = sum->capped[r->scene->has_specular ? JOINED_BENT : JOINED].n;
     /* A short pilot rather misses what is rare: its error is taken half as large again. */
     double error = 1.5 * run_chain_error(r) * chain_rays / (double)r->pixels, power = 0;
     if (r->tau == 0) r->whole_error = error > 0 ? error : UNKNOWN_ERROR;
@@ -143,27 +208,26 @@ void run_survey(Render *r)
         power = fmin(fmax(log(error / (r->left * r->left) / r->whole_error) / fmax(-log(r->left), log(2)), 0), 1);
         if (power == 1) r->whole_error = fmin(error / r->left, MOST_ERROR * r->whole_error);
     }
-    const double least[2] = { least_share(r, traced_seconds), least_share(r, joined_seconds * (joined_rays + DIRECT_RAYS) / joined_rays) };
-    for (int joined = 0; joined < 2; joined++) {
-        for (int i = 0; i < CUTS; i++) {
-            double left = (joined ? s.joined : s.traced).left[i] / s.indirect, sampled;
-            if (joined)
-                sampled = (variance(&s.joined, i, n_joined, s.joined.moment[i] / n_joined) + variance(&s.direct, i, n_traced, s.direct.moment[i] / n_traced))
-                    * (joined_rays + DIRECT_RAYS);
-            else sampled = variance(&s.traced, i, n_traced, fmax(s.traced.moment[i] / n_traced, s.expected_moment[i] / n_joined)) * traced_rays;
-            double above = (joined ? s.joined : s.traced).above[i];
-            if ((i > 0 && !(left > 0)) || (i >= SURE_CUTS && above < LEAST_ABOVE)) break;   /* so few samples cannot tell that nothing is left */
-            double path = sqrt(sampled), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
-            double both = together(path, rest, least[joined]);
+    Way chosen = WAYS;
+    for (Way way = TRACED; way < WAYS; way++) {
+        const Told *told = &sum->told[way];
+        double least = least_share(r, way_seconds(sum, way));
+        if (way == JOINED && r->direct_share > ALONE) best *= EVEN;
+        for (int i = 0; i < CUTS && sum->capped[way].n > 0; i++) {
+            double left = told->left[i] / told->indirect;
+            if ((i > 0 && !(left > 0)) || (i >= SURE_CUTS && told->above[i] < LEAST_ABOVE)) break;   /* so few samples cannot tell that nothing is left */
+            double path = sqrt(way_variance(sum, way, i) * way_rays(sum, way)), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
+            double both = together(path, rest, least);
             /* a higher cap has to promise something; where chains hardly matter, to cost nothing */
-            if (both >= (path > ALONE * rest && r->bidirectional == joined ? 1.02 : 0.98) * best) continue;
+            if (both >= (path > ALONE * rest && way == chosen && i < SURE_CUTS ? 1.02 : 0.98) * best) continue;
             best = fmin(both, best);
-            r->bidirectional = joined;
+            chosen = way;
+            r->bidirectional = joins(way);
+            r->bent = bends(way);
             r->tau = tau_of(i);
             r->left = left;
-            r->direct_share = fmax(path / rest, least[joined] / (1 - least[joined]));
+            r->direct_share = fmax(path / rest, least / (1 - least));
         }
-        if (!joined && r->direct_share > ALONE) best *= EVEN;
     }
     for (size_t i = 0; i < r->pixels; i++) r->film[i].threshold = (float)(r->tau / scale * (double)r->film[i].threshold);
     if (!(r->direct_share < run_most_share(r))) r->direct_share = run_most_share(r);

@@ -3,6 +3,7 @@
  * At glass a walk draws one of two ways, for indirect light. For direct light it goes both ways, so that a lamp that is seen by one of them, however
  * faintly, is seen by every sample: what the rarer way brings would else be a few samples of great value. */
 #include "tracer.h"
+#include "bend.h"
 #include <string.h>
 
 /* Light that one light sample sends over the surface towards 'known', times throughput still to come, with its weight against the
@@ -56,6 +57,15 @@ static const double BRANCH_LEAST = 1.0 / 1024, LEAF_LEAST = 1.0 / 4;   /* below 
 
 static Vertex *vertex(const Found *f, int edges) { return &f->trail->v[MAX_EDGES - edges]; }
 
+static void add_found(Found *f, Rgb rgb, double value, Reach reach, int n_light, int n_lens)
+{
+    double share = space_share(f->space, f->pixel, value, reach);
+    f->sum = along(f->sum, share, rgb);
+    if (!f->visit) return;
+    Candidate c = { .n_light = n_light, .n_lens = n_lens, .pixel = f->pixel, .rgb = rgb, .value = value, .share = share, .reach = reach };
+    f->visit(f->context, &c);
+}
+
 static void find(Found *f, const Walk *walk, Rgb rgb, int n_light, bool direct)
 {
     bool joined = n_light > 0 || walk->joined || walk->mode == MODE_NONE;    /* a light that is met could be joined to what is not specular */
@@ -66,11 +76,7 @@ static void find(Found *f, const Walk *walk, Rgb rgb, int n_light, bool direct)
         value *= walk->q;
         rgb = scale(walk->chance, rgb);
     }
-    double share = space_share(f->space, f->pixel, value, reach);
-    f->sum = along(f->sum, share, rgb);
-    if (!f->visit) return;
-    Candidate c = { .n_light = n_light, .n_lens = walk->edges + 1, .pixel = f->pixel, .rgb = rgb, .value = value, .share = share, .reach = reach };
-    f->visit(f->context, &c);
+    add_found(f, rgb, value, reach, n_light, walk->edges + 1);
 }
 
 /* Whether a walk goes on that ought to have at least such a chance; its expectation stays. */
@@ -80,6 +86,22 @@ static bool roulette(Walk *walk, double least, Rng *rng)
     if (rng_double(rng) * least >= walk->chance) return false;
     walk->chance = least;
     return true;
+}
+
+/* A walk that has arrived at a vertex which is not specular is bent from there on. */
+typedef struct { Found *found; const Walk *walk; } Bending;
+static void find_bent(void *context, const Bent *bent)
+{
+    const Bending *b = context;
+    Found *f = b->found;
+    const Walk *walk = b->walk;
+    int edges = walk->edges + bent->d;
+    if (edges > f->space->max_depth) return;
+    Rgb rgb = scale(1 / (bent->chance_pdf_a + bent->pdf_a), mul(walk->throughput, bent->rgb));
+    Reach reach = walk->joined ? REACH_INDIRECT : REACH_UNJOINED;
+    double value = luminance(rgb);             /* as if the walk had gone on to meet the lamp */
+    for (int i = walk->edges; i < edges; i++) value /= path_traced_survival(&vertex(f, i)->point, i);
+    add_found(f, scale(bent->times, rgb), value, reach, 0, edges + 1);
 }
 
 static void walk_on(Found *f, Walk *walk);
@@ -130,7 +152,7 @@ static void walk_on(Found *f, Walk *walk)
                 Vec3 d = sub(next->point.p, v->point.p);
                 double scattering_pdf_a = pdf_pw * cos_light * fabs(dot(walk->w, from->ng)) / dot(d, d);
                 share = scattering_pdf_a / (scattering_pdf_a + scene_light_preference(scene, &v->point, &next->point) * scene_light_pdf_a(scene, m));
-            }
+            } else if (space->bent && !direct && walk->mode != MODE_NONE) share = bend_share_left(scene, next, walk->edges);
             find(f, walk, scale(share, mul(walk->throughput, m->ke)), 0, direct);
         }
         if (walk->edges == space->max_depth) return;
@@ -143,6 +165,12 @@ static void walk_on(Found *f, Walk *walk)
             if (direct ? space->direct != DIRECT_EXCLUDED : !only_direct) {
                 const double random[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
                 find(f, walk, mul(walk->throughput, sampled_light(space, &next->point, walk->known, direct ? f->numbers->light : random)), 1, direct);
+            }
+            if (space->bent && !only_direct) {
+                const double random[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
+                Bending bending = { f, walk };
+                next->mode = MODE_NONE;
+                bend_walk(scene, next, walk->known, random, rng, find_bent, &bending);
             }
             walk->diffuse++;
         }

@@ -111,7 +111,7 @@ static Cost measure(const Scene *scene, int which, int max_depth, double seconds
     Sampler sampler = sampler_for(scene, set[which].allowed);
     if (set[which].uniform) sampler.tuning.p_d2_importance = 0;
     Bdpt *bdpt = bdpt_new();
-    Path *x = malloc(sizeof *x), *y = malloc(sizeof *y);
+    Path *x = calloc(1, sizeof *x), *y = calloc(1, sizeof *y);
     Bootstrap boot = { .sum = NULL };
     if (!bdpt || !x || !y || !bootstrap_run(&boot, &space, bdpt, STARTS, 1, 0)) fail("out of memory");
     Rng rng = rng_new(1, (uint64_t)1 << 40);

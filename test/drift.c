@@ -67,7 +67,7 @@ int main(int argc, char **argv)
     Space space = { .scene = &scene, .max_depth = MAX_DEPTH, .direct = DIRECT_INCLUDED };
     Sampler sampler = sampler_for(&scene, ~0u);
     Bdpt *bdpt = bdpt_new();
-    Path *x = malloc(sizeof *x), *y = malloc(sizeof *y), *fresh = malloc(sizeof *fresh);
+    Path *x = calloc(1, sizeof *x), *y = calloc(1, sizeof *y), *fresh = calloc(1, sizeof *fresh);
     Bootstrap boot = { .sum = NULL };
     Light light = { .space = &space };
     Moments sampled = { .n = 0 }, chain = sampled;

@@ -19,6 +19,7 @@ static inline double fresh_difference(const Space *space, const Path *x, Path *w
     work->raster_x = work->raster_y = work->light_pdf_a = work->share = work->chi = NAN;
     work->colour = vec3(NAN, NAN, NAN);
     work->pixel = UINT32_MAX;
+    work->known.d = 0;
     for (int i = 0; i <= x->k; i++) {
         work->v[i].s = (Scatter){ { NAN, NAN, NAN }, NAN, NAN, NAN, NAN };
         work->v[i].to_lens = vec3(NAN, NAN, NAN);

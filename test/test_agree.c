@@ -203,7 +203,7 @@ static Group chain_group(const Space *space, const Sampler *sampler, uint64_t bo
 {
     Group g = { .runs = RUNS };
     Bdpt *bdpt = bdpt_new();
-    Path *x = malloc(sizeof *x), *y = malloc(sizeof *y);
+    Path *x = calloc(1, sizeof *x), *y = calloc(1, sizeof *y);
     ChainCount count = { 0 };
     for (int i = 0; i < RUNS; i++) {
         Bootstrap boot;
@@ -264,7 +264,7 @@ static void test_precisely(void)
 static Group traced_group(const Space *space, int per_pixel)
 {
     Group g = { .runs = RUNS };
-    Path *trail = malloc(sizeof *trail);
+    Path *trail = calloc(1, sizeof *trail);
     if (!trail) abort();
     for (int i = 0; i < RUNS; i++) {
         Rng rng = rng_new(seed, ((uint64_t)i + 1) << 34);
@@ -279,21 +279,32 @@ static Group traced_group(const Space *space, int per_pixel)
 }
 
 /* What a bidirectional sample says of the path tracer's value of a path, against the path itself. */
-typedef struct { Bdpt *bdpt; const Space *space; Path *path; double worst, worst_joined; int n, short_ones; } Values;
+typedef struct { Bdpt *bdpt; const Space *space; Path *path, *trail; double worst, worst_joined; int n, short_ones; } Values;
 
 static void compare_value(void *context, const Candidate *c)
 {
     Values *v = context;
     if (!bdpt_path(v->bdpt, v->space, c->n_light, c->n_lens, v->path)) return;
-    v->worst = fmax(v->worst, fabs(c->value / path_traced_value(v->space->scene, v->path) - 1));
-    v->worst_joined = fmax(v->worst_joined, fabs(luminance(c->rgb) / path_bidirectional_value(v->path) - 1));
+    v->worst = fmax(v->worst, fabs(c->value / path_traced_value(v->space, v->path) - 1));
+    v->worst_joined = fmax(v->worst_joined, fabs(luminance(c->rgb) / path_bidirectional_value(v->space, v->path) - 1));
     v->n++;
     v->short_ones += v->path->k == 1;
 }
 
+/* Its value and its share in the space against the path's own. */
+static void compare_share(void *context, const Candidate *c)
+{
+    Values *v = context;
+    if (reach_is_direct(c->reach) || (v->trail && c->n_light > 0)) return;
+    if (!(v->space->bidirectional ? bdpt_path(v->bdpt, v->space, c->n_light, c->n_lens, v->path) : path_trailed(v->space, v->trail, c->n_lens, v->path))) return;
+    double value = v->space->bidirectional ? path_bidirectional_value(v->space, v->path) : path_traced_value(v->space, v->path);
+    v->worst = fmax(v->worst, fmax(fabs(c->value / value - 1), fabs(c->share / v->path->share - 1)));
+    v->n++;
+}
+
 static void test_values(const Space *space)
 {
-    Values v = { .bdpt = bdpt_new(), .space = space, .path = malloc(sizeof(Path)) };
+    Values v = { .bdpt = bdpt_new(), .space = space, .path = calloc(1, sizeof(Path)) };
     Rng rng = rng_new(seed, 99);
     for (int i = 0; i < 5000; i++) bdpt_sample(v.bdpt, space, rng_double(&rng) * FILM, rng_double(&rng) * FILM, &rng, compare_value, &v);
     printf("    value of a path to the path tracer, two ways, %d paths, %d of them of one edge: %.2g apart; to the bidirectional one: %.2g\n", v.n, v.short_ones,
@@ -323,7 +334,7 @@ static void test_bound(const Space *capped)
     joined.bidirectional = true;
     Bound by_path = { .space = &path }, by_both = { .space = &joined };
     Bdpt *bdpt = bdpt_new();
-    Path *trail = malloc(sizeof *trail);
+    Path *trail = calloc(1, sizeof *trail);
     if (!bdpt || !trail) abort();
     Rng rng = rng_new(seed, 98);
     for (int i = 0; i < 40000; i++) {
@@ -455,7 +466,7 @@ static double mean_sum(const Render *r)
     return mean;
 }
 
-static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidirectional, float threshold, MetFault fault)
+static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidirectional, bool bent, float threshold, MetFault fault)
 {
     enum { PASSES = 4, SEEDED = 400, STEPS = 100 };                    /* passes of a run, of which each mean has many; chains of them all, steps of a chain */
     Group g = { .runs = RUNS };
@@ -477,6 +488,7 @@ static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidire
             }
             r->tau = 1e-9;                         /* what is REACH_SEEN is not cut */
             r->bidirectional = bidirectional;
+            r->bent = bent;
             r->pilot = false;
             run_divide(r);
             while (r->passes.rows < PASSES * FILM - 1) {
@@ -524,15 +536,41 @@ static const char basin_obj[] =
 static const char basin_mtl[] = "newmtl wall\nKd 0.6 0.6 0.6\nnewmtl water\nillum 4\nNi 1.33\nnewmtl light\nKd 0 0 0\nKe 5 4 3\n";
 static const char basin_cam[] = "eye 0 0.7 1.5\nlook 0 -0.6 0\nfov 60\n";
 
+/* The same two accounts where walks are bent. */
+static void test_bent_values(Space space, bool bidirectional)
+{
+    static Pixel film[FILM * FILM];
+    for (int i = 0; i < FILM * FILM; i++) film[i] = (Pixel){ .weight = 1, .threshold = 1 };
+    space.film = film;
+    space.part = CAPPED;
+    space.bent = true;
+    space.bidirectional = bidirectional;
+    Values v = { .bdpt = bdpt_new(), .space = &space, .path = calloc(1, sizeof(Path)) };
+    Rng rng = rng_new(seed, 97);
+    if (!bidirectional) v.trail = calloc(1, sizeof(Path));
+    for (int i = 0; i < 5000; i++) {
+        const Numbers numbers = numbers_random(&rng);
+        if (bidirectional) bdpt_sample(v.bdpt, &space, rng_double(&rng) * FILM, rng_double(&rng) * FILM, &rng, compare_share, &v);
+        else path_trace(&space, (uint32_t)i % FILM, (uint32_t)i / FILM % FILM, &numbers, &rng, v.trail, compare_share, &v);
+    }
+    printf("    share of a bent walk's path, told by the sampler and by the path: %d paths, %.2g apart\n", v.n, v.worst);
+    CHECK(v.n > 1000 && v.worst < 1e-9);
+    bdpt_free(v.bdpt);
+    free(v.path);
+    free(v.trail);
+}
+
 static void test_met(void)
 {
     folder_write_text("basin.obj", basin_obj);
     folder_write_text("basin.mtl", basin_mtl);
     folder_write_text("basin.cam", basin_cam);
-    const struct { const char *name, *file; int per_pixel; bool bidirectional; float threshold; bool noisy; } list[] = {
-        { "the floor under water, seeds from the path tracer", folder_path("basin.obj"), 60, false, 0.05f, false },
-        { "the floor under water, all seeds from bidirectional samples", folder_path("basin.obj"), 60, true, 0.05f, false },
-        { "scenes/cornell.obj, all seeds from bidirectional samples", "scenes/cornell.obj", 120, true, 0.005f, true },
+    const struct { const char *name, *file; int per_pixel; bool bidirectional, bent; float threshold; bool noisy; } list[] = {
+        { "the floor under water, seeds from the path tracer", folder_path("basin.obj"), 60, false, false, 0.05f, false },
+        { "the floor under water, seeds from the path tracer, walks bent", folder_path("basin.obj"), 60, false, true, 0.02f, false },
+        { "the floor under water, all seeds from bidirectional samples", folder_path("basin.obj"), 60, true, false, 0.05f, false },
+        { "the floor under water, all seeds from bidirectional samples, walks bent", folder_path("basin.obj"), 60, true, true, 0.02f, false },
+        { "scenes/cornell.obj, all seeds from bidirectional samples", "scenes/cornell.obj", 120, true, false, 0.005f, true },
     };
     for (size_t i = 0; i < sizeof list / sizeof list[0]; i++) {
         Scene scene;
@@ -540,12 +578,13 @@ static void test_met(void)
         if (!load(&scene, list[i].file)) continue;
         printf("%s\n", list[i].name);
         Space whole = { .scene = &scene, .max_depth = depth, .direct = DIRECT_INCLUDED };
-        Group path = traced_group(&whole, 4 * n), both = met_group(&scene, depth, n, list[i].bidirectional, list[i].threshold, NO_FAULT);
-        Group much = met_group(&scene, depth, n, list[i].bidirectional, list[i].threshold, TWICE_LEFT);
+        if (list[i].bent) test_bent_values(whole, list[i].bidirectional);
+        Group path = traced_group(&whole, 4 * n), both = met_group(&scene, depth, n, list[i].bidirectional, list[i].bent, list[i].threshold, NO_FAULT);
+        Group much = met_group(&scene, depth, n, list[i].bidirectional, list[i].bent, list[i].threshold, TWICE_LEFT);
         agree("path, capped + chains from what was met", &path, &both, BY_TILES);
         disagree("twice as much is left to the chains", &path, &much, BY_TILES);
         if (list[i].noisy) {
-            Group own = met_group(&scene, depth, n, list[i].bidirectional, list[i].threshold, OWN_SAMPLES);
+            Group own = met_group(&scene, depth, n, list[i].bidirectional, list[i].bent, list[i].threshold, OWN_SAMPLES);
             disagree("a pixel's own samples settle how many it has", &path, &own, BY_TILES);
         }
         scene_free(&scene);

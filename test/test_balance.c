@@ -287,7 +287,7 @@ static void sampled_quarters(const Space *space, uint64_t n, double mean[QUARTER
 {
     static BalanceCandidates found;
     Bdpt *bdpt = bdpt_new();
-    Path *x = malloc(sizeof *x);
+    Path *x = calloc(1, sizeof *x);
     double sum[QUARTERS] = { 0 }, square[QUARTERS] = { 0 };
     for (uint64_t i = 0; i < n; i++) {
         Rng rng = rng_new(seed, 70000000 + i);
@@ -312,7 +312,7 @@ static double bootstrap_z(const Space *space, uint64_t repetitions, uint64_t n, 
 {
     enum { CHAINS = 2, STEPS = 3 };
     Bdpt *bdpt = bdpt_new();
-    Path *x = malloc(sizeof *x), *y = malloc(sizeof *y);
+    Path *x = calloc(1, sizeof *x), *y = calloc(1, sizeof *y);
     Sampler sampler = large_steps(sampler_for(space->scene, ~0u), 0.05);
     double sum[QUARTERS] = { 0 }, square[QUARTERS] = { 0 }, worst = 0, other_b = mean[0];
     for (int k = 1; k < QUARTERS; k++) other_b += mean[k];                     /* as good as exact, and independent */

@@ -78,7 +78,7 @@ static bool draw(Image *image, const Space *space, const Picture *picture, uint6
     Mutation table[MUTATIONS];
     Sampler sampler = sampler_of(space, picture, table);
     Bdpt *bdpt = bdpt_new();
-    Path *x = malloc(sizeof *x), *y = malloc(sizeof *y);
+    Path *x = calloc(1, sizeof *x), *y = calloc(1, sizeof *y);
     Film *film = calloc(1, sizeof *film);
     Bootstrap boot = { .sum = NULL };
     bool ok = bdpt && x && y && film && bootstrap_run(&boot, space, bdpt, BOOTSTRAP, seed, 0);

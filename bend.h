@@ -1,0 +1,27 @@
+/* Walks from the lens that are bent to meet a lamp through specular vertices: what light sampling is where nothing is between, for all that is lit through
+ * glass or water or by mirrors, L S+ D. [Hanika, Droske, Fascione 2015: manifold next event estimation; Zeltner, Georgiev, Jakob 2020: specular manifold sampling]
+ *
+ * To a point of a lamp there may be several ways. One is searched for from the straight line to it (if that passes through refracting surfaces alone),
+ * another from where the surface happens to scatter. How often the latter leads to the way that was found, p, has no formula; but if guesses are drawn
+ * until one leads there again, their number is 1/p on average, and that is all that is needed. Knows no pixels. */
+#ifndef BEND_H
+#define BEND_H
+#include "specular.h"
+
+/* A way from v[d] that was found, v[0] being the lamp's point. */
+typedef struct {
+    int d;
+    Rgb rgb;                       /* f of all that lies between v[d] and the lamp, both included, over the lamp's area */
+    double chance_pdf_a, pdf_a;    /* densities over that area: of a walk from v[d] that goes on by chance; of bending it, nominally */
+    double times;                  /* f over the sum of these and all other techniques' densities counts so many times: what was found in spite of a small
+                                      nominal chance counts little, what was found by a guess the more often, the rarer guesses lead there */
+} Bent;
+
+/* 'at' is a vertex that is not specular, met by a walk from the direction 'known'; vertices towards the light are at[-1], at[-2] .. and there have to be
+ * MOST_SPECULAR + 1 of them. 'light' is uniform in [0,1)^3. 'found' is called for each way, v[d] being 'at'. */
+void bend_walk(const Scene *scene, Vertex *at, Vec3 known, const double light[3], Rng *rng, void (*found)(void *context, const Bent *bent), void *context);
+
+/* What the balance heuristic leaves to a walk of so many edges that has met the lamp at v[0] by chance, v[1] being specular, if it could have been bent
+ * instead. */
+double bend_share_left(const Scene *scene, Vertex *v, int edges);
+#endif

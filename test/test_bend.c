@@ -1,0 +1,181 @@
+/* Walks that are bent through specular vertices to meet a lamp (bend.h): light that arrives at points of a scene, found by them and by chance together, is
+ * what chance alone finds. Planted faults must be caught.
+ *
+ *     test_bend [FACTOR [SEED]]        FACTOR times the samples; another seed
+ */
+#include "bend.h"
+#include "check.h"
+#include "folder.h"
+#include "statistics.h"
+#include <stdlib.h>
+#include <string.h>
+
+static double factor = 1;
+static uint64_t seed = 1;
+
+enum { RUNS = 20, POINTS = 6, ALL = POINTS };      /* points looked at; and their mean */
+typedef struct { double value[RUNS][POINTS + 1]; } Group;
+
+/* What may be wrong: the number of guesses is left out; what chance finds counts in full beside bent walks; those count alone. */
+typedef enum { RIGHT, UNBENT, NO_GUESSES, CHANCE_IN_FULL, BENT_ALONE } Way;
+
+/* A point that is not specular, met from the direction 'known' by a ray of the camera, or by one that went on from there. */
+typedef struct { Point at; Vec3 known; } Looked;
+
+static bool look(const Scene *scene, Rng *rng, Looked *out)
+{
+    Point from;
+    Mode mode;
+    camera_sample_lens(&scene->camera, rng, &from);
+    Vec3 w = camera_direction(&scene->camera, &from, rng_double(rng) * scene->camera.width, rng_double(rng) * scene->camera.height);
+    for (int edges = 0; edges < 6; edges++) {
+        if (!scene_trace(scene, &from, w, &out->at)) return false;
+        out->known = neg(w);
+        if (!material_is_specular(out->at.surface.material)) return !material_emits(out->at.surface.material);
+        from = out->at;
+        if (!bsdf_sample(&from.surface, out->known, rng, &w, &mode)) return false;
+    }
+    return false;
+}
+
+/* The light that a walk from v[top] meets by chance, if specular vertices are all that is between, and at least one. */
+static double by_chance(const Scene *scene, Vertex *v, int top, Vec3 known, Way way, Rng *rng)
+{
+    Rgb carried = vec3(1, 1, 1);
+    Vec3 w;
+    for (int i = top; i > 0; i--) {
+        Scatter s;
+        if (!bsdf_sample(&v[i].point.surface, known, rng, &w, &v[i].mode) || !scene_trace(scene, &v[i].point, w, &v[i - 1].point)) return 0;
+        w = normalize(sub(v[i - 1].point.p, v[i].point.p));
+        if (!bsdf_scatter(&v[i].point.surface, w, known, v[i].mode, &s) || !(s.inv_S_light > 0)) return 0;
+        carried = mul(carried, scale(1 / s.inv_S_light, s.colour));
+        known = neg(w);
+        const Surface *to = &v[i - 1].point.surface;
+        if (material_is_specular(to->material)) continue;
+        if (i == top || !material_emits(to->material) || dot(known, to->ng) <= 0) return 0;
+        v[i - 1].mode = MODE_NONE;
+        double share = way == UNBENT || way == CHANCE_IN_FULL ? 1 : way == BENT_ALONE ? 0 : bend_share_left(scene, &v[i - 1], 1 + top - (i - 1));
+        return share * luminance(mul(carried, to->material->ke));
+    }
+    return 0;
+}
+
+typedef struct { Way way; double sum; int ways; } Sum;
+static void add_bent(void *context, const Bent *bent)
+{
+    Sum *s = context;
+    double times = s->way == NO_GUESSES ? fmin(bent->times, 1) : bent->times;
+    s->sum += times * luminance(bent->rgb) / (bent->chance_pdf_a + bent->pdf_a);
+    s->ways++;
+}
+
+static Group look_at(const Scene *scene, const Looked looked[POINTS], Way way, int n, int *ways)
+{
+    enum { TOP = MOST_SPECULAR + 1 };
+    Group g = { { { 0 } } };
+    Vertex *v = calloc(TOP + 2, sizeof *v);
+    if (!v) abort();
+    for (int run = 0; run < RUNS; run++)
+        for (int i = 0; i < POINTS; i++) {
+            Rng rng = rng_new(seed, ((uint64_t)way << 20) + (uint64_t)(run * POINTS + i));
+            Sum s = { .way = way };
+            for (int j = 0; j < n; j++) {
+                v[TOP + 1].point.p = along(looked[i].at.p, 1, looked[i].known);    /* where the walk has come from */
+                v[TOP].point = looked[i].at;
+                v[TOP].mode = MODE_NONE;
+                s.sum += by_chance(scene, v, TOP, looked[i].known, way, &rng);
+                const double light[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
+                v[TOP].mode = MODE_NONE;
+                if (way != UNBENT) bend_walk(scene, &v[TOP], looked[i].known, light, &rng, add_bent, &s);
+            }
+            g.value[run][i] = s.sum / n;
+            g.value[run][ALL] += g.value[run][i] / POINTS;
+            if (ways) *ways += s.ways;
+        }
+    free(v);
+    return g;
+}
+
+static double least_chance(const Group *a, const Group *b)
+{
+    double least = 1;
+    for (int i = 0; i <= POINTS; i++) {
+        double mean_a, mean_b, variance_a, variance_b, t;
+        mean_and_variance(&a->value[0][i], POINTS + 1, RUNS, &mean_a, &variance_a);
+        mean_and_variance(&b->value[0][i], POINTS + 1, RUNS, &mean_b, &variance_b);
+        double chance = welch_chance(mean_a, variance_a, RUNS, mean_b, variance_b, RUNS, &t);
+        if (chance < least || isnan(chance)) least = chance;
+    }
+    return least;
+}
+
+/* A mirrored ball over a floor, and a slab of water with ripples: what is lit by way of them, by large lamps that chance finds too. */
+static void write_scenes(void)
+{
+    static char text[400000];
+    size_t n = 0;
+    enum { ROWS = 24 };
+    n += (size_t)snprintf(text + n, sizeof text - n, "mtllib bend.mtl\n");
+    for (int i = 0; i <= ROWS; i++)
+        for (int j = 0; j <= ROWS; j++) {
+            double x = 2.0 * i / ROWS - 1, z = 2.0 * j / ROWS - 1, slope_x = 0.25 * cos(5 * x), slope_z = 0.2 * cos(4 * z);
+            n += (size_t)snprintf(text + n, sizeof text - n, "v %g %g %g\nvn %g 1 %g\n", x, 0.05 * sin(5 * x) + 0.05 * sin(4 * z), z, -slope_x, -slope_z);
+        }
+    n += (size_t)snprintf(text + n, sizeof text - n, "v -1 -1 -1\nv 1 -1 -1\nv 1 -1 1\nv -1 -1 1\nv -.5 1 -.5\nv .5 1 -.5\nv .5 1 .5\nv -.5 1 .5\nusemtl water\n");
+    for (int i = 0; i < ROWS; i++)
+        for (int j = 0; j < ROWS; j++) {
+            int a = i * (ROWS + 1) + j + 1, b = a + 1, c = a + ROWS + 2, d = a + ROWS + 1;
+            n += (size_t)snprintf(text + n, sizeof text - n, "f %d//%d %d//%d %d//%d %d//%d\n", a, a, b, b, c, c, d, d);
+        }
+    snprintf(text + n, sizeof text - n, "usemtl floor\nf -5 -6 -7 -8\nusemtl lamp\nf -4 -3 -2 -1\n");
+    folder_write_text("water.obj", text);
+    folder_write_text("bend.mtl", "newmtl water\nillum 4\nNi 1.33\nnewmtl floor\nKd 0.6 0.6 0.6\nnewmtl lamp\nKd 0 0 0\nKe 5 4 3\n");
+    folder_write_text("water.cam", "eye 0 -0.5 0.9\nlook 0 -1 -0.3\nfov 60\n");
+}
+
+static bool load(Scene *scene, const char *file)
+{
+    Report report = { .warnings = NULL };
+    CameraSettings camera = { .has_size = true, .width = 16, .height = 16 };
+    bool ok = scene_load(scene, file, &camera, BVH_FAST, &report);
+    if (!CHECK(ok)) printf("%s: %s\n", file, report.error);
+    return ok;
+}
+
+static void test_points(const Scene *scene, const char *file, int n)
+{
+    Looked looked[POINTS];
+    Rng rng = rng_new(seed, 1);
+    for (int i = 0; i < POINTS; ) i += look(scene, &rng, &looked[i]);
+    int ways = 0;
+    Group plain = look_at(scene, looked, UNBENT, 4 * n, NULL), both = look_at(scene, looked, RIGHT, n, &ways);
+    Group no_guesses = look_at(scene, looked, NO_GUESSES, n, NULL), in_full = look_at(scene, looked, CHANCE_IN_FULL, n, NULL), alone = look_at(scene, looked, BENT_ALONE, n, NULL);
+    double mean, variance, mean_both, variance_both;
+    mean_and_variance(&plain.value[0][ALL], POINTS + 1, RUNS, &mean, &variance);
+    mean_and_variance(&both.value[0][ALL], POINTS + 1, RUNS, &mean_both, &variance_both);
+    double chance = least_chance(&plain, &both);
+    printf("%s: by chance %.5f +- %.5f, bent too %.5f +- %.5f, %d ways, least chance %.1g\n", file, mean, sqrt(variance), mean_both, sqrt(variance_both), ways, chance);
+    static const double CHANCE = 1e-6 / 200;
+    CHECK(mean > 0 && ways > 1000);
+    CHECK(chance > CHANCE);
+    double least = fmin(fmin(least_chance(&plain, &no_guesses), least_chance(&plain, &in_full)), least_chance(&plain, &alone));
+    printf("    planted: guesses not counted %.1g, chance in full %.1g, bent alone %.1g\n", least_chance(&plain, &no_guesses), least_chance(&plain, &in_full),
+           least_chance(&plain, &alone));
+    CHECK(least < CHANCE);
+    CHECK(least_chance(&plain, &in_full) < CHANCE);
+}
+
+int main(int argc, char **argv)
+{
+    if (argc > 1) factor = atof(argv[1]);
+    if (argc > 2) seed = (uint64_t)atoi(argv[2]);
+    write_scenes();
+    const char *const file[] = { folder_path("water.obj"), "test/scenes/underwater.obj", "test/scenes/mirror-smooth.obj", "test/scenes/water-smooth.obj" };
+    for (int i = 0; i < 4; i++) {
+        Scene scene;
+        if (!load(&scene, file[i])) continue;
+        test_points(&scene, i == 0 ? "water" : file[i], (int)(3000 * factor));
+        scene_free(&scene);
+    }
+    return check_report();
+}
