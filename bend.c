@@ -33,7 +33,7 @@ double bend_share_left(const Scene *scene, Vertex *v, int edges)
     Bent bent;
     double searched;
     while (d < edges && v[d].mode != MODE_NONE) d++;
-    if (d - 1 > MOST_SPECULAR || d >= edges || !carry(scene, v, d, normalize(sub(v[d + 1].point.p, v[d].point.p)), &bent, &searched)) return 1;
+    if (d >= edges || !specular_sought(&v[0].point, d) || !carry(scene, v, d, normalize(sub(v[d + 1].point.p, v[d].point.p)), &bent, &searched)) return 1;
     return bent.chance_pdf_a / (bent.chance_pdf_a + bent.pdf_a);
 }
 
@@ -89,6 +89,7 @@ void bend_walk(const Scene *scene, Vertex *at, Vec3 known, const double light[3]
     Vec3 w;
     double searched;
     scene_sample_light(scene, light, &lamp);
+    if (!specular_sought(&lamp, 2)) return;
     int d_plain = straight(scene, &at->point, &lamp, mode);
     if (d_plain > 0) {
         Vertex *v = at - d_plain;

@@ -94,12 +94,12 @@ Reach path_reach(const Path *p)
     return direct ? joined ? REACH_DIRECT : REACH_SEEN : joined ? REACH_INDIRECT : REACH_UNJOINED;
 }
 
-/* The vertex that is not specular next to the light, where specular ones lie between; 0 if that is none, or the lens. */
+/* The vertex that is not specular next to the light, where specular ones lie between; 0 if that is none, or the lens, or nobody would look for the lamp. */
 static int bent_at(const Path *p)
 {
     int d = 1;
     while (path_specular(p, d)) d++;
-    return d > 1 && d < p->k && d - 1 <= MOST_SPECULAR ? d : 0;
+    return d > 1 && d < p->k && specular_sought(&p->v[0].point, d) ? d : 0;
 }
 
 static bool equal(Vec3 a, Vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }

@@ -23,6 +23,9 @@ static inline SpecularChance specular_chance(const SpecularWay *way, double pdf_
     return (SpecularChance){ searched, found * searched + (way->through ? 1 : 0) };
 }
 
+/* Whether ways of d edges to a lamp are looked for at all. Not to a mirror that emits: guesses go on from there. */
+static inline bool specular_sought(const Point *lamp, int d) { return d - 1 <= MOST_SPECULAR && !material_is_specular(lamp->surface.material); }
+
 /* Sets v[d-1] .. v[0] to the way from v[d] to the target by mode[d-1] .. mode[1] that is found from a first guess w, if it is found, and nothing is in between. */
 bool specular_search(const Scene *scene, const Mode mode[], Vertex *v, int d, Vec3 w, const Point *target);
 

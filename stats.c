@@ -77,8 +77,8 @@ void stats_print(FILE *file, const char *name, const Scene *scene, const RenderS
         fprintf(file, "b = %.6g +- %.2g from %" PRIu64 " samples, of which %" PRIu64 " found light; longest run of rejections %" PRIu64 "\n",
                 s->b, s->b_stderr, s->bootstrap_samples, s->bootstrap_hits, s->chain.longest_rejection);
     if (cost->chains && s->tau > 0 && isfinite(s->tau))
-        fprintf(file, "%s samples keep up to %g times the picture's own value; the chains bring %.2g %% of the light\n",
-                s->bidirectional ? "bidirectional" : "path tracer's", s->tau, 100 * s->chain_part);
+        fprintf(file, "%s samples%s keep up to %g times the picture's own value; the chains bring %.2g %% of the light\n",
+                s->bidirectional ? "bidirectional" : "path tracer's", s->bent ? ", whose walks are bent to meet lamps," : "", s->tau, 100 * s->chain_part);
     if (s->tiles_disagreeing == 0 && isfinite(s->effective_samples))
         fprintf(file, "rounds: %u agree in all of %u tiles, of which the worst is off by %.2g %%; the chains are worth %.3g independent paths\n",
                 (unsigned)s->rounds, (unsigned)s->tiles, 100 * s->largest_tile_error, s->effective_samples);

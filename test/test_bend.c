@@ -43,21 +43,23 @@ static double by_chance(const Scene *scene, Vertex *v, int top, Vec3 known, Way 
 {
     Rgb carried = vec3(1, 1, 1);
     Vec3 w;
+    double sum = 0;
     for (int i = top; i > 0; i--) {
         Scatter s;
-        if (!bsdf_sample(&v[i].point.surface, known, rng, &w, &v[i].mode) || !scene_trace(scene, &v[i].point, w, &v[i - 1].point)) return 0;
+        if (!bsdf_sample(&v[i].point.surface, known, rng, &w, &v[i].mode) || !scene_trace(scene, &v[i].point, w, &v[i - 1].point)) break;
         w = normalize(sub(v[i - 1].point.p, v[i].point.p));
-        if (!bsdf_scatter(&v[i].point.surface, w, known, v[i].mode, &s) || !(s.inv_S_light > 0)) return 0;
+        if (!bsdf_scatter(&v[i].point.surface, w, known, v[i].mode, &s) || !(s.inv_S_light > 0)) break;
         carried = mul(carried, scale(1 / s.inv_S_light, s.colour));
         known = neg(w);
         const Surface *to = &v[i - 1].point.surface;
-        if (material_is_specular(to->material)) continue;
-        if (i == top || !material_emits(to->material) || dot(known, to->ng) <= 0) return 0;
-        v[i - 1].mode = MODE_NONE;
-        double share = way == UNBENT || way == CHANCE_IN_FULL ? 1 : way == BENT_ALONE ? 0 : bend_share_left(scene, &v[i - 1], 1 + top - (i - 1));
-        return share * luminance(mul(carried, to->material->ke));
+        if (i < top && material_emits(to->material) && dot(known, to->ng) > 0) {
+            v[i - 1].mode = MODE_NONE;
+            double share = way == UNBENT || way == CHANCE_IN_FULL ? 1 : way == BENT_ALONE ? 0 : bend_share_left(scene, &v[i - 1], 1 + top - (i - 1));
+            sum += share * luminance(mul(carried, to->material->ke));
+        }
+        if (!material_is_specular(to->material)) break;
     }
-    return 0;
+    return sum;
 }
 
 typedef struct { Way way; double sum; int ways; } Sum;
@@ -109,8 +111,8 @@ static double least_chance(const Group *a, const Group *b)
     return least;
 }
 
-/* A mirrored ball over a floor, and a slab of water with ripples: what is lit by way of them, by large lamps that chance finds too. */
-static void write_scenes(void)
+/* Water with ripples over a floor, a large lamp that chance finds too, and a mirror that emits. */
+static void write_scene(void)
 {
     static char text[400000];
     size_t n = 0;
@@ -121,15 +123,17 @@ static void write_scenes(void)
             double x = 2.0 * i / ROWS - 1, z = 2.0 * j / ROWS - 1, slope_x = 0.25 * cos(5 * x), slope_z = 0.2 * cos(4 * z);
             n += (size_t)snprintf(text + n, sizeof text - n, "v %g %g %g\nvn %g 1 %g\n", x, 0.05 * sin(5 * x) + 0.05 * sin(4 * z), z, -slope_x, -slope_z);
         }
-    n += (size_t)snprintf(text + n, sizeof text - n, "v -1 -1 -1\nv 1 -1 -1\nv 1 -1 1\nv -1 -1 1\nv -.5 1 -.5\nv .5 1 -.5\nv .5 1 .5\nv -.5 1 .5\nusemtl water\n");
+    n += (size_t)snprintf(text + n, sizeof text - n, "v -1 -1 -1\nv 1 -1 -1\nv 1 -1 1\nv -1 -1 1\nv -.5 1 -.5\nv .5 1 -.5\nv .5 1 .5\nv -.5 1 .5\n"
+                                                          "v .6 1 -.5\nv .9 1 -.5\nv .9 1 .5\nv .6 1 .5\nusemtl water\n");
     for (int i = 0; i < ROWS; i++)
         for (int j = 0; j < ROWS; j++) {
             int a = i * (ROWS + 1) + j + 1, b = a + 1, c = a + ROWS + 2, d = a + ROWS + 1;
             n += (size_t)snprintf(text + n, sizeof text - n, "f %d//%d %d//%d %d//%d %d//%d\n", a, a, b, b, c, c, d, d);
         }
-    snprintf(text + n, sizeof text - n, "usemtl floor\nf -5 -6 -7 -8\nusemtl lamp\nf -4 -3 -2 -1\n");
+    snprintf(text + n, sizeof text - n, "usemtl floor\nf -9 -10 -11 -12\nusemtl lamp\nf -8 -7 -6 -5\nusemtl mirror\nf -4 -3 -2 -1\n");
     folder_write_text("water.obj", text);
-    folder_write_text("bend.mtl", "newmtl water\nillum 4\nNi 1.33\nnewmtl floor\nKd 0.6 0.6 0.6\nnewmtl lamp\nKd 0 0 0\nKe 5 4 3\n");
+    folder_write_text("bend.mtl", "newmtl water\nillum 4\nNi 1.33\nnewmtl floor\nKd 0.6 0.6 0.6\nnewmtl lamp\nKd 0 0 0\nKe 5 4 3\n"
+                                  "newmtl mirror\nillum 3\nKs 0.8 0.8 0.8\nKe 4 4 4\n");
     folder_write_text("water.cam", "eye 0 -0.5 0.9\nlook 0 -1 -0.3\nfov 60\n");
 }
 
@@ -169,7 +173,7 @@ int main(int argc, char **argv)
 {
     if (argc > 1) factor = atof(argv[1]);
     if (argc > 2) seed = (uint64_t)atoi(argv[2]);
-    write_scenes();
+    write_scene();
     const char *const file[] = { folder_path("water.obj"), "test/scenes/underwater.obj", "test/scenes/mirror-smooth.obj", "test/scenes/water-smooth.obj" };
     for (int i = 0; i < 4; i++) {
         Scene scene;
