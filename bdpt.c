@@ -86,7 +86,7 @@ static void join_bent(void *context, const Bent *bent)
     const Bending *of = context;
     Path *p = &of->bdpt->whole;
     int n_lens = of->n_lens + bent->d;
-    if (n_lens - 1 > of->space->max_depth || !bdpt_path(of->bdpt, of->space, 0, n_lens, p)) return;
+    if (!bdpt_path(of->bdpt, of->space, 0, n_lens, p)) return;
     double sum = path_bidirectional_value(of->space, p) / luminance(p->colour), weight = of->space->film ? (double)of->space->film[p->pixel].weight : 1;
     Candidate c = { .n_lens = n_lens, .pixel = p->pixel, .rgb = scale(bent->times * sum, p->colour), .value = p->value, .share = p->share, .reach = path_reach(p) };
     c.weight = c.share * luminance(c.rgb) * weight;
@@ -113,7 +113,7 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
             const double light[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
             Bending bending = { b, space, j + 1, visit, context };
             p->v[i].mode = MODE_NONE;
-            bend_walk(space->scene, &p->v[i], p->v[i].to_lens, light, rng, join_bent, &bending);
+            bend_walk(space->scene, &p->v[i], space->max_depth - j, p->v[i].to_lens, light, rng, join_bent, &bending);
         }
         if (rng_double(rng) >= path_survival(&p->v[i].point)) return true;
         if (!path_grow_to_light(space, p, i, rng) || !path_scatter(space, p, i)) return true;

@@ -72,44 +72,44 @@ static int guess(const Scene *scene, const Point *from, Vec3 known, Rng *rng, Ve
     return n > 0 ? n + 1 : 0;
 }
 
-static bool same(const Vertex *a, int d, const Vertex *b, int d_b)
+static bool same(const Vertex *a, const Vertex *b, int d)
 {
-    if (d != d_b || !specular_near(a, b, d, SPECULAR_SAME)) return false;
+    if (!specular_near(a, b, d, SPECULAR_SAME)) return false;
     for (int i = 1; i < d; i++)
         if (a[i].mode != b[i].mode) return false;
     return true;
 }
 
-void bend_walk(const Scene *scene, Vertex *at, Vec3 known, const double light[3], Rng *rng, void (*found)(void *, const Bent *), void *context)
+void bend_walk(const Scene *scene, Vertex *at, int most, Vec3 known, const double light[3], Rng *rng, void (*found)(void *, const Bent *), void *context)
 {
     Point lamp;
-    Vertex plain[MOST_SPECULAR + 2], again[MOST_SPECULAR + 2];     /* the way from the straight line; found again */
+    Vertex direct[MOST_SPECULAR + 2], again[MOST_SPECULAR + 2];     /* the way from the straight line; found again */
     Mode mode[MOST_SPECULAR + 2], other[MOST_SPECULAR + 2];
     Bent bent;
     Vec3 w;
     double searched;
     scene_sample_light(scene, light, &lamp);
     if (!specular_sought(&lamp, 2)) return;
-    int d_plain = straight(scene, &at->point, &lamp, mode);
-    if (d_plain > 0) {
-        Vertex *v = at - d_plain;
-        if (!specular_search(scene, mode, v, d_plain, normalize(sub(lamp.p, at->point.p)), &lamp)) d_plain = 0;
+    int d_direct = straight(scene, &at->point, &lamp, mode);
+    if (d_direct > 0 && d_direct <= most) {
+        Vertex *v = at - d_direct;
+        if (!specular_search(scene, mode, v, d_direct, normalize(sub(lamp.p, at->point.p)), &lamp)) d_direct = 0;
         else {
-            memcpy(plain, v, (size_t)d_plain * sizeof *v);
-            if (carry(scene, v, d_plain, known, &bent, &searched)) found(context, &bent);
+            memcpy(direct, v, (size_t)d_direct * sizeof *v);
+            if (carry(scene, v, d_direct, known, &bent, &searched)) found(context, &bent);
         }
     }
     int d = guess(scene, &at->point, known, rng, &w, mode);
-    if (d == 0) return;
+    if (d == 0 || d > most) return;
     Vertex *v = at - d;
-    if (!specular_search(scene, mode, v, d, w, &lamp) || (d_plain > 0 && same(plain, d_plain, v, d))) return;
+    if (!specular_search(scene, mode, v, d, w, &lamp) || (d_direct == d && same(direct, v, d))) return;
     if (!carry(scene, v, d, known, &bent, &searched) || rng_double(rng) >= searched) return;
     double guesses = 0;
     again[d].point = at->point;
     for (bool back = false; !back; ) {
         if (++guesses > MOST_GUESSES) { guesses = NAN; break; }    /* counted as a bad sample */
         back = guess(scene, &at->point, known, rng, &w, other) == d && memcmp(other + 1, mode + 1, (size_t)(d - 1) * sizeof *mode) == 0
-            && specular_search(scene, mode, again, d, w, &lamp) && same(again, d, v, d);
+            && specular_search(scene, mode, again, d, w, &lamp) && same(again, v, d);
     }
     bent.times *= guesses / searched;
     found(context, &bent);

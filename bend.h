@@ -17,9 +17,9 @@ typedef struct {
                                       nominal chance counts little, what was found by a guess the more often, the rarer guesses lead there */
 } Bent;
 
-/* 'at' is a vertex that is not specular, met by a walk from the direction 'known'; vertices towards the light are at[-1], at[-2] .. and there have to be
- * MOST_SPECULAR + 1 of them. 'light' is uniform in [0,1)^3. 'found' is called for each way, v[d] being 'at'. */
-void bend_walk(const Scene *scene, Vertex *at, Vec3 known, const double light[3], Rng *rng, void (*found)(void *context, const Bent *bent), void *context);
+/* 'at' is a vertex that is not specular, met by a walk from the direction 'known'; vertices towards the light are at[-1] .. at[-most], the most edges that
+ * there may be. 'light' is uniform in [0,1)^3. 'found' is called for each way, v[d] being 'at'. */
+void bend_walk(const Scene *scene, Vertex *at, int most, Vec3 known, const double light[3], Rng *rng, void (*found)(void *context, const Bent *bent), void *context);
 
 /* What the balance heuristic leaves to a walk of so many edges that has met the lamp at v[0] by chance, v[1] being specular, if it could have been bent
  * instead. */

@@ -96,7 +96,6 @@ static void find_bent(void *context, const Bent *bent)
     Found *f = b->found;
     const Walk *walk = b->walk;
     int edges = walk->edges + bent->d;
-    if (edges > f->space->max_depth) return;
     Rgb rgb = scale(1 / (bent->chance_pdf_a + bent->pdf_a), mul(walk->throughput, bent->rgb));
     Reach reach = walk->joined ? REACH_INDIRECT : REACH_UNJOINED;
     double value = luminance(rgb);             /* as if the walk had gone on to meet the lamp */
@@ -170,7 +169,7 @@ static void walk_on(Found *f, Walk *walk)
                 const double random[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
                 Bending bending = { f, walk };
                 next->mode = MODE_NONE;
-                bend_walk(scene, next, walk->known, random, rng, find_bent, &bending);
+                bend_walk(scene, next, space->max_depth - walk->edges, walk->known, random, rng, find_bent, &bending);
             }
             walk->diffuse++;
         }

@@ -88,7 +88,7 @@ static Group look_at(const Scene *scene, const Looked looked[POINTS], Way way, i
                 s.sum += by_chance(scene, v, TOP, looked[i].known, way, &rng);
                 const double light[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
                 v[TOP].mode = MODE_NONE;
-                if (way != UNBENT) bend_walk(scene, &v[TOP], looked[i].known, light, &rng, add_bent, &s);
+                if (way != UNBENT) bend_walk(scene, &v[TOP], TOP, looked[i].known, light, &rng, add_bent, &s);
             }
             g.value[run][i] = s.sum / n;
             g.value[run][ALL] += g.value[run][i] / POINTS;
