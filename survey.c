@@ -16,6 +16,8 @@ enum {
 /* Samples of a path tracer fill their ranges evenly, and err less than their variance says. That matters where they are on their own (rays per ray of the
  * chains) and rivalled by bidirectional ones: chains' errors are foretold too low. */
 static const double ALONE = 20, EVEN = 0.7;
+/* What is found by guesses has a tail that so few samples hardly see: bent walks have to promise more than that. */
+static const double DOUBT = 1.5;
 static const double SURVEY_SHARE = 0.5;    /* of the rays of the pilot's chains, for each kind, at least */
 
 /* What is capped is the path tracer's; or direct light is, and a bidirectional one has the rest of it. */
@@ -217,7 +219,7 @@ void run_survey(Render *r)
             double left = told->left[i] / told->indirect;
             if ((i > 0 && !(left > 0)) || (i >= SURE_CUTS && told->above[i] < LEAST_ABOVE)) break;   /* so few samples cannot tell that nothing is left */
             double path = sqrt(way_variance(sum, way, i) * way_rays(sum, way)), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
-            double both = together(path, rest, least);
+            double both = together(path, rest, least) * (bends(way) ? DOUBT : 1);
             /* a higher cap has to promise something; where chains hardly matter, to cost nothing */
             if (both >= (path > ALONE * rest && way == chosen && i < SURE_CUTS ? 1.02 : 0.98) * best) continue;
             best = fmin(both, best);
