@@ -90,7 +90,7 @@ static void join_bent(void *context, const Bent *bent)
     double sum = path_bidirectional_value(of->space, p) / luminance(p->colour), weight = of->space->film ? (double)of->space->film[p->pixel].weight : 1;
     Candidate c = { .n_lens = n_lens, .pixel = p->pixel, .rgb = scale(bent->times * sum, p->colour), .value = p->value, .share = p->share, .reach = path_reach(p) };
     c.weight = c.share * luminance(c.rgb) * weight;
-    if (c.weight > 0 && !(of->space->part == REST && c.reach == REACH_UNJOINED)) of->visit(of->context, &c);
+    if (c.weight != 0 && !(of->space->part == REST && c.reach == REACH_UNJOINED)) of->visit(of->context, &c);     /* NaN too: it is counted */
 }
 
 static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
