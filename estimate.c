@@ -43,6 +43,22 @@ static Estimator estimator_of(const Render *r, double joined_share)
 
 static Estimator estimator(const Render *r) { return estimator_of(r, 0.5); }
 
+static inline double squared_and_floor(const Evenness *e, double value) { return value * value + 0.01 * e->mean * e->mean; }
+
+static inline int brightness(const Evenness *e, double value)
+{
+    int kind = 0;
+    for (double limit = e->mean / 16; kind < BRIGHTNESSES - 1 && value >= limit; limit *= 4) kind++;
+    return kind;
+}
+
+/* What is rare falls where it likes. */
+static inline double evenness(const Evenness *e, uint32_t tile, double value, double variance)
+{
+    bool fairly_known = e->mean > 0 && variance < MOSTLY_KNOWN * squared_and_floor(e, value);
+    return fairly_known ? fmin(e->kind[brightness(e, value)] * e->tile[tile], 1) : 1;
+}
+
 static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
 {
     const Render *r = of->render;
@@ -52,11 +68,12 @@ static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
     if (r->has_direct) {
         double n = run_samples(p, pixel, y, p->count[y]), inv_n = n > 0 ? 1 / n : 0, rest = n > 1 ? 1 / (n - 1) : 0;
         const double *sum = p->sum + 3 * pixel, *square = p->square + 3 * pixel;
+        uint32_t tile = run_tile(r, x, y);
         for (int i = 0; i < 3; i++) {
             e.value[i] = sum[i] * inv_n;
             /* one sample is no more than a guess */
             double variance = n > 1 ? larger(0, square[i] * inv_n - e.value[i] * e.value[i]) * rest : square[i];
-            e.sampled_variance[i] = variance > MOSTLY_KNOWN * (e.value[i] * e.value[i] + p->evenness.floor) ? variance : p->evenness.a * variance;
+            e.sampled_variance[i] = variance * evenness(&p->evenness, tile, e.value[i], variance);
             if (of->light > 0) {
                 e.value[i] += of->light * p->light[3 * pixel + (size_t)i];
                 e.sampled_variance[i] += of->light * of->light * p->light_square[3 * pixel + (size_t)i];
@@ -75,41 +92,65 @@ static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
     return e;
 }
 
+/* Of pixels that have two sequences of samples: by how much these differ, squared, over what chance would make of it, a weighted mean. */
+typedef struct { double found, weight, squares; } Differences;
+
+static void add_difference(Differences *d, double squared, double weight)
+{
+    d->found += weight * squared;
+    d->weight += weight;
+    d->squares += weight * weight;
+}
+
+/* That mean, as if so many pixels more had 'else'. The three values of a pixel err together. */
+static double mean_difference(const Differences *d, double more, double elsewhere)
+{
+    double pixels = d->squares > 0 ? d->weight * d->weight / (3 * d->squares) : 0;
+    return pixels > 0 ? (pixels * d->found / d->weight + more * elsewhere) / (pixels + more) : elsewhere;
+}
+
 /* A pixel's samples fill it, and the lamps, evenly, and so err less than the variance of one of them says, V = a V(1) / n. By how much, the pixels
  * tell that have two sequences: their means differ by no more than both err. (One of all samples is a little more even than two of half as many; so much
- * the error is taken too large.) Measured over values that are fairly known already, for what is rare falls where it likes. */
+ * the error is taken too large.) Measured over values that are fairly known already. Where they are bright it is other light than where they are dark, and
+ * what edges and lamps there are differs over the film. */
 void run_evenness(Render *r)
 {
-    enum { UNEVEN = 8 };               /* as if so many pixels more had samples that know nothing of each other: a few cannot tell */
+    enum { MORE = 8, MORE_OF_KIND = 4, MORE_IN_TILE = 2 };       /* a few pixels cannot tell */
     Passes *p = &r->passes;
+    Evenness *e = &p->evenness;
+    Differences of_kind[BRIGHTNESSES] = { { 0 } }, of_tile[TILES_ACROSS * TILES_ACROSS] = { { 0 } }, of_all = { 0 };
     uint32_t width = r->scene->camera.width, height = r->scene->camera.height;
-    double mean = 0, found = 0, expected = 0, squares = 0;
     size_t pixel = 0;
+    e->mean = 0;
     for (uint32_t y = 0; y < height; y++)
         for (uint32_t x = 0; x < width; x++, pixel++) {
             double n = run_samples(p, pixel, y, p->count[y]), weight = n > 0 ? 1 / (3 * n * (double)r->pixels) : 0;
-            for (int i = 0; i < 3; i++) mean += weight * p->sum[3 * pixel + (size_t)i];
+            for (int i = 0; i < 3; i++) e->mean += weight * p->sum[3 * pixel + (size_t)i];
         }
-    p->evenness.floor = 0.01 * mean * mean;
-    pixel = 0;
-    for (uint32_t y = 0; y < height; y++)
-        for (uint32_t x = 0; x < width; x++, pixel++) {
-            if (!run_in_two(x, y)) continue;
-            double n = run_samples(p, pixel, y, p->count[y]), n_first = ceil(n / 2), n_second = n - n_first, of_pixel = 0;
-            if (n_second < 2) continue;
-            const double *sum = p->sum + 3 * pixel, *square = p->square + 3 * pixel, *first = run_first(r, x, y);
-            for (int i = 0; i < 3; i++) {
-                double value = sum[i] / n, variance = larger(0, square[i] / n - value * value) / (n - 1), inverse = 1 / (value * value + p->evenness.floor);
-                double difference = first[i] / n_first - (sum[i] - first[i]) / n_second;
-                if (!(variance * inverse < MOSTLY_KNOWN)) continue;
-                found += difference * difference * (n_first * n_second / (n * n)) * inverse;
-                of_pixel += variance * inverse;
+    for (int in_tiles = 0; in_tiles < 2; in_tiles++) {
+        pixel = 0;
+        for (uint32_t y = 0; y < height; y++)
+            for (uint32_t x = 0; x < width; x++, pixel++) {
+                if (!run_in_two(r, x, y)) continue;
+                double n = run_samples(p, pixel, y, p->count[y]), n_first = ceil(n / 2), n_second = n - n_first;
+                if (n_second < 2) continue;
+                const double *sum = p->sum + 3 * pixel, *square = p->square + 3 * pixel, *first = run_first(r, x, y);
+                for (int i = 0; i < 3; i++) {
+                    double value = sum[i] / n, variance = larger(0, square[i] / n - value * value) / (n - 1), relative = variance / squared_and_floor(e, value);
+                    double difference = first[i] / n_first - (sum[i] - first[i]) / n_second;
+                    if (!(relative > 0 && relative < MOSTLY_KNOWN)) continue;
+                    double squared = difference * difference * (n_first * n_second / (n * n)) / variance;
+                    int kind = brightness(e, value);
+                    if (in_tiles) add_difference(&of_tile[run_tile(r, x, y)], squared / e->kind[kind], sqrt(relative));
+                    else {
+                        add_difference(&of_all, squared, sqrt(relative));
+                        add_difference(&of_kind[kind], squared, sqrt(relative));
+                    }
+                }
             }
-            expected += of_pixel;
-            squares += of_pixel * of_pixel;
-        }
-    double pixels = squares > 0 ? expected * expected / squares : 0;       /* of equal variance */
-    p->evenness.a = pixels > 0 ? fmin((pixels * found / expected + UNEVEN) / (pixels + UNEVEN), 1) : 1;
+        if (in_tiles) for (uint32_t t = 0; t < run_tiles(r); t++) e->tile[t] = mean_difference(&of_tile[t], MORE_IN_TILE, 1);
+        else for (int kind = 0; kind < BRIGHTNESSES; kind++) e->kind[kind] = mean_difference(&of_kind[kind], MORE_OF_KIND, mean_difference(&of_all, MORE, 1));
+    }
 }
 
 static float smaller_f(float a, float b) { return a < b ? a : b; }

@@ -79,7 +79,7 @@ static bool sample_pixel(Render *r, uint32_t column, uint32_t row, uint32_t i, d
 {
     Passes *p = &r->passes;
     size_t pixel = (size_t)row * r->scene->camera.width + column;
-    bool in_two = run_in_two(column, row), first = in_two && i % 2 == 0;
+    bool in_two = run_in_two(r, column, row), first = in_two && i % 2 == 0;
     Rng offset = rng_new(r->settings->seed, sample_stream(r) + ((uint64_t)first << 59) + pixel);
     union { Numbers named; double u[NUMBERS]; } even_ones;
     for (int d = 0; d < NUMBERS; d++) even_ones.u[d] = even(rng_double(&offset), in_two ? i / 2 : i, d);
@@ -135,6 +135,6 @@ void run_forget_samples(Render *r)
     memset(p->count, 0, r->scene->camera.height * sizeof *p->count);
     p->rows = p->rays = 0;
     p->settled = false;
-    p->evenness = (Evenness){ .a = 1 };
+    p->evenness = (Evenness){ .mean = 0 };
     p->cut = p->cut_square = 0;
 }

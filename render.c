@@ -78,7 +78,6 @@ Render *render_new(const Scene *scene, const Settings *settings)
     r->samples_rate = 1e4;
     r->samples_per_step = 0.2;
     r->rays_per_step = scene->n_lights > 0 ? 2 : 0;
-    r->passes.evenness.a = 1;
     r->relative_error = NAN;
     r->last_round = PILOTS + ROUNDS;
     return r;
@@ -384,11 +383,11 @@ static bool learn_from_pilot(Render *r)
 }
 
 /* Rows that the path tracer has to have done by the end of this round, whatever its share of rays: two passes tell its variance, and where the
- * chains carry nothing it works in their place, a sample for four mutations. */
+ * chains have found nothing in the last round it works in their place, a sample for each mutation. */
 static double least_rows(const Render *r)
 {
     double height = r->scene->camera.height, rounds = (double)r->rounds, least = height * (rounds <= PILOTS ? 1 : fmin(2 * (rounds - PILOTS), 4));
-    return r->stats.b > 0 || rounds <= PILOTS + 1 ? least : fmax(least, r->settings->per_pixel / 4 * height * (rounds - PILOTS) / ROUNDS);
+    return r->rays_per_step > 0 || rounds <= PILOTS + 1 ? least : fmax(least, r->settings->per_pixel * height * (rounds - PILOTS) / ROUNDS);
 }
 
 /* An interruption leaves the round as it stands, to be gone on with. */

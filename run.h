@@ -4,10 +4,14 @@
 #include "render.h"
 #include "tracer.h"
 
-/* How evenly the samples of each pixel fill it and the lamps. */
+enum { TILES_ACROSS = 8, TILE_PIXELS = 16 };   /* parts of the film: at most so many; not smaller than so many pixels */
+
+/* How evenly the samples of each pixel fill it and the lamps: variance of a value over what samples that know nothing of each other would leave. It is
+ * the product of two factors. */
+enum { BRIGHTNESSES = 6 };         /* kinds of value, each four times as large as the last, from a sixteenth of the mean on */
 typedef struct {
-    double a;                      /* variance of a value over what samples that know nothing of each other would leave; 1 while unknown */
-    double floor;                  /* for values whose variance is small beside value^2 + floor */
+    double kind[BRIGHTNESSES], tile[TILES_ACROSS * TILES_ACROSS];
+    double mean;                   /* of the samples' picture; 0 while nothing is known */
 } Evenness;
 
 /* On the whole integrand one pixel of so many has a bidirectional sample in a pass. */
@@ -53,7 +57,6 @@ typedef struct {
 
 /* The chains' light in a part of the film, a mean over its values: over finished rounds the sums of steps * it and of steps * it^2, and the
  * largest steps * it of a round. */
-enum { TILES_ACROSS = 8, TILE_PIXELS = 16 };   /* at most so many; not smaller than so many pixels */
 typedef struct { double sum, square, largest; } Tile;
 
 /* Who could have the easy part: a path tracer or a bidirectional one, without or with walks that are bent. */
@@ -119,8 +122,8 @@ struct Render {
 
 /* Adds the chains of the round under way to those of finished rounds. */
 void run_close_chains(Render *render);
-/* One pixel in sixteen has two sequences of samples, in turn: they tell how even one is. [3] is the sum over the first of them. */
-static inline bool run_in_two(uint32_t x, uint32_t y) { return (x + 5 * y) % 16 == 0; }
+/* One pixel in sixteen, others for each seed, has two sequences of samples, in turn: they tell how even one is. [3] is the sum over the first of them. */
+static inline bool run_in_two(const Render *r, uint32_t x, uint32_t y) { return (x + 5 * y + (uint32_t)r->settings->seed) % 16 == 0; }
 static inline size_t run_firsts(const Render *r) { return 3 * (size_t)r->scene->camera.height * (r->scene->camera.width / 16 + 1); }
 static inline double *run_first(const Render *r, uint32_t x, uint32_t y) { return &r->passes.first[3 * ((size_t)y * (r->scene->camera.width / 16 + 1) + x / 16)]; }
 /* Measures the evenness of independent samples. */

@@ -392,7 +392,10 @@ Render *render_merge(const char *const *path, int n, Report *report)
         for (uint32_t row = 0; merged->passes.count && row < header.height; row++) merged->passes.count[row] += r->passes.count[row];
         if (r->passes.rows > 0) {
             double share = (double)r->passes.rows / (double)(merged->passes.rows + r->passes.rows);
-            merged->passes.evenness.a += share * (r->passes.evenness.a - merged->passes.evenness.a);
+            Evenness *all = &merged->passes.evenness, *of = &r->passes.evenness;
+            for (int k = 0; k < BRIGHTNESSES; k++) all->kind[k] += share * (of->kind[k] - all->kind[k]);
+            for (int t = 0; t < TILES_ACROSS * TILES_ACROSS; t++) all->tile[t] += share * (of->tile[t] - all->tile[t]);
+            all->mean += share * (of->mean - all->mean);
         }
         merged->passes.rows += r->passes.rows;
         merged->steps_sum += r->steps_sum;
