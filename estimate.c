@@ -257,11 +257,13 @@ static bool typical_brightness(const Render *r, const Estimator *all, float *out
 
 /* What the value may be, to divide its error by. Variances are largest where values came out too large by chance: divided by the values themselves
  * the error would come out too small. So a value differs from its surroundings only by so much as its standard error does not explain
- * (James and Stein's rule for one value); nothing is left of a firefly, whose standard error is as large as itself. */
+ * (James and Stein's rule for one value); nothing is left of a firefly, whose standard error is as large as itself. Nor is a value ever as large as itself:
+ * where n parcels of light are due, as many as come are 1 / n off, and of n that came, n / (n - 1/3)^2 is that on average (from one due on). */
 static double likely_value(double value, double variance, double typical)
 {
     double difference = value - typical, squared = difference * difference;
-    return squared > variance ? value - difference * (variance / squared) : typical;
+    double likely = squared > variance ? value - difference * (variance / squared) : typical;
+    return value > 0 ? fmin(likely, value - variance / (3 * value)) : likely;
 }
 
 /* What to expect of a pixel's values: what is typical, unless there is far more direct light. A lamp, or its image, may be seen in one pixel alone and
@@ -375,16 +377,17 @@ static bool learn_brightness(const Render *r, float *local, float *plain, double
     return true;
 }
 
-/* Medians of noisy values are less than their means. By how much, over the picture and but for what sticks out of it. */
-static double lift(const Estimator *all, const float *typical)
+/* Medians of noisy values are less than their means. By how much, over the picture, each pixel weighing as in relMSE, and but for what sticks out of it. */
+static double lift(const Estimator *all, const float *typical, double mean)
 {
     const Camera *c = &all->render->scene->camera;
     double values = 0, medians = 0;
     for (uint32_t y = 0; y < c->height; y++)
         for (uint32_t x = 0; x < c->width; x++, typical++) {
             Estimate e = estimate(all, x, y);
-            values += fmin((e.value[0] + e.value[1] + e.value[2]) / 3, 4 * (double)*typical);
-            medians += (double)*typical;
+            double median = (double)*typical, weight = 1 / (median + 0.1 * mean);
+            values += weight * fmin((e.value[0] + e.value[1] + e.value[2]) / 3, 8 * median);
+            medians += weight * median;
         }
     return medians > 0 ? fmax(values / medians, 1) : 1;
 }
@@ -403,7 +406,7 @@ void run_learn(Render *r)
     }
     if (mean > 0) {
         Estimator all = estimator(r);
-        double lifted = lift(&all, local);
+        double lifted = lift(&all, local, mean);
         size_t pixel = 0;
         for (uint32_t y = 0; y < r->scene->camera.height; y++)
             for (uint32_t x = 0; x < r->scene->camera.width; x++, pixel++) {
