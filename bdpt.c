@@ -109,7 +109,8 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
     b->n_lens = 2;
     for (int j = 1; j < space->max_depth; j++) {
         int i = MAX_EDGES - j;
-        if (space->bent && space->direct != DIRECT_ONLY && !material_is_specular(p->v[i].point.surface.material)) {
+        bool joined = j == 1 || b->lens_joined[j - 1] || p->v[i + 1].mode == MODE_NONE;      /* to v[i], if it is not specular */
+        if (space_bends(space, joined) && space->direct != DIRECT_ONLY && !material_is_specular(p->v[i].point.surface.material)) {
             const double light[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
             Bending bending = { b, space, j + 1, visit, context };
             p->v[i].mode = MODE_NONE;
@@ -235,7 +236,7 @@ static bool join(Bdpt *b, const Space *space, int n_light, int n_lens, Candidate
     c->share = space_share(space, c->pixel, c->value, c->reach);
     if (!(c->share > 0) || (space->part == REST && c->reach == REACH_UNJOINED)) return false;
     if (n_light > 0 && !scene_visible(space->scene, &b->light.v[n_light - 1].point, &lens->point)) return false;
-    if (space->bent && !direct && specular_at_light(b, n_light, n_lens)) {
+    if (!direct && specular_at_light(b, n_light, n_lens) && space_bends(space, c->reach == REACH_INDIRECT)) {
         if (!bdpt_path(b, space, n_light, n_lens, &b->whole)) return false;
         total = luminance(b->whole.colour) / path_bidirectional_value(space, &b->whole);
         c->value = b->whole.value;

@@ -95,8 +95,9 @@ Reach path_reach(const Path *p)
 }
 
 /* The vertex that is not specular next to the light, where specular ones lie between; 0 if that is none, or the lens, or nobody would look for the lamp. */
-static int bent_at(const Path *p)
+static int bent_at(const Space *space, const Path *p, Reach reach)
 {
+    if (reach_is_direct(reach) || !space_bends(space, reach == REACH_INDIRECT)) return 0;
     int d = 1;
     while (path_specular(p, d)) d++;
     return d > 1 && d < p->k && specular_sought(&p->v[0].point, d) ? d : 0;
@@ -135,7 +136,7 @@ static double traced_value(const Space *space, Path *p, Reach reach)
     const Scene *scene = space->scene;
     double from_lens = path_inv_C(p, -1) * path_inv_S_light(p, 1), joined = p->k > 1 ? path_inv_S_lens(p, -1) * path_inv_C(p, 0) : 0, q = 1;
     if (joined > 0) from_lens += joined * scene_light_preference(scene, &p->v[1].point, &p->v[0].point);
-    int d = space->bent && !reach_is_direct(reach) ? bent_at(p) : 0;
+    int d = bent_at(space, p, reach);
     for (int i = 2; i <= p->k; i++) {
         from_lens *= path_inv_S_light(p, i);
         if (i == d) from_lens += bent(scene, p, d);
@@ -151,7 +152,7 @@ double path_traced_value(const Space *space, Path *p) { return traced_value(spac
 double path_bidirectional_value(const Space *space, Path *p)
 {
     double sum = path_inv_C(p, -1), grown = path_inv_S_lens(p, -1), survival = 1;    /* path_routes(-1, k+1), with roulette */
-    int d = space->bent && !reach_is_direct(path_reach(p)) ? bent_at(p) : 0;
+    int d = bent_at(space, p, path_reach(p));
     for (int e = 0, k = p->k; e < k; e++) {
         double next = e + 1 < k ? path_survival(&p->v[e + 1].point) : 1;
         sum = sum * path_inv_S_light(p, e + 1) * next + grown * path_inv_C(p, e);

@@ -67,6 +67,10 @@ typedef struct {
  * REACH_SEEN has no threshold. */
 typedef enum { WHOLE, CAPPED, REST } Part;
 
+/* Which walks from the lens independent samples also bend through specular vertices, to meet a lamp (bend.h): those whose paths could not be joined
+ * anywhere, L S+ D S+ E (REACH_UNJOINED), or all. */
+typedef enum { BENT_NONE, BENT_UNJOINED, BENT_ALL, BENDINGS } BentWalks;
+
 /* The space that is integrated over. */
 typedef struct {
     const Scene *scene;
@@ -75,9 +79,12 @@ typedef struct {
     const Pixel *film;             /* [pixels]; NULL for w = 1 and the WHOLE */
     Part part;
     double seen;                   /* REACH_SEEN has its threshold at so many times that of indirect light */
-    bool bent;                     /* independent samples' walks from the lens are also bent through specular vertices, to meet a lamp (bend.h) */
+    BentWalks bent;
     bool bidirectional;            /* indirect light is capped by its value to a bidirectional path tracer; the path tracer has direct light alone then */
 } Space;
+
+/* Whether walks are bent of whose edges so far some, or none, could be joined. */
+static inline bool space_bends(const Space *space, bool joined) { return space->bent == BENT_ALL || (space->bent == BENT_UNJOINED && !joined); }
 
 /* A path that an independent sample found, by joining n_light vertices grown from the light to n_lens grown from the lens
  * (n_light >= 0, n_lens >= 1, k = n_light + n_lens - 1 edges). */

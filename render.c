@@ -53,7 +53,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
         r->has_direct = settings->direct == LIGHT_ONLY || settings->direct == LIGHT_APART;
         r->direct_space.direct = DIRECT_ONLY;
         if (settings->direct == LIGHT_APART) r->chain_space.direct = r->joined_space.direct = DIRECT_EXCLUDED;
-        r->joined_space.bent = r->chain_space.bent = scene->has_specular;
+        r->joined_space.bent = r->chain_space.bent = scene->has_specular ? BENT_ALL : BENT_NONE;
         r->pilot = r->has_chain;
     } else r->has_direct = true;
     r->bidirectional = settings->integrator == INTEGRATOR_BDPT;

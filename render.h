@@ -32,7 +32,7 @@ typedef struct {
     double tau;                    /* independent samples are worth so many times the picture at most; 0 while the integrand is whole, INFINITY if the run is
                                       too short for chains */
     bool bidirectional;            /* those of indirect light are a bidirectional path tracer's */
-    bool bent;                     /* their walks are bent through specular vertices (bend.h) */
+    BentWalks bent;                /* which of their walks are bent through specular vertices (bend.h) */
     double chain_part;             /* of the picture's light, what the chains bring */
     /* Whether the rounds agree, tile by tile of the film; of finished rounds. */
     uint32_t tiles, rounds, tiles_disagreeing;  /* most of the chains' light, and enough to be seen, came in one round alone */

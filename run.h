@@ -59,8 +59,8 @@ typedef struct {
  * largest steps * it of a round. */
 typedef struct { double sum, square, largest; } Tile;
 
-/* Who could have the easy part: a path tracer or a bidirectional one, without or with walks that are bent. */
-typedef enum { TRACED, TRACED_BENT, JOINED, JOINED_BENT, WAYS } Way;
+/* Who could have the easy part: a path tracer or a bidirectional one, and which of their walks are bent (+ BentWalks). */
+typedef enum { TRACED, JOINED = BENDINGS, WAYS = 2 * BENDINGS } Way;
 enum { CUTS = 18 };                /* tau that are weighed */
 
 /* What the survey has drawn. Sums of squares of values, or of what stands for them, and of their squares: */
@@ -85,7 +85,7 @@ struct Render {
     Space chain_space, direct_space, joined_space;   /* of the chains; of the path tracer; of the bidirectional path tracer */
     bool has_chain, has_direct;    /* any independent samples */
     bool bidirectional;            /* some of them are */
-    bool bent;                     /* some of their walks are bent (bend.h) */
+    BentWalks bent;                /* which of their walks are */
     bool pilot;                    /* what is done now teaches, and is thrown away */
     Sampler sampler;
     Bdpt *bdpt;

@@ -16,8 +16,9 @@ enum {
 /* Samples of a path tracer fill their ranges evenly, and err less than their variance says. That matters where they are on their own (rays per ray of the
  * chains) and rivalled by bidirectional ones: chains' errors are foretold too low. */
 static const double ALONE = 20, EVEN = 0.7;
-/* What is found by guesses has a tail that so few samples hardly see: bent walks have to promise more than that. */
-static const double DOUBT = 1.5;
+/* So few samples hardly see the tails: of what is found by guesses, all the more where paths could be joined; of what is met by chance alone. Without bent walks, or with
+ * all of them bent, it has to promise so much more. */
+static const double DOUBT[BENDINGS] = { 1.25, 1, 1.5 };
 static const double SURVEY_SHARE = 0.5;    /* of the rays of the pilot's chains, for each kind, at least */
 
 /* What is capped is the path tracer's; or direct light is, and a bidirectional one has the rest of it. */
@@ -34,7 +35,8 @@ void run_divide(Render *r)
 }
 
 static bool joins(Way way) { return way >= JOINED; }
-static bool bends(Way way) { return way % 2 == 1; }
+static BentWalks bends(Way way) { return (BentWalks)(way % BENDINGS); }
+static bool tells(const Render *r, Way way) { return way == JOINED + (r->scene->has_specular ? BENT_ALL : BENT_NONE); }
 
 static void add_square(Moment *m, double x) { m->sum += x; m->square += x * x; }
 /* Of one of n: few rare values may dominate it, and then it is rather too small. */
@@ -47,7 +49,7 @@ typedef struct {
     Render *render;
     double scale;
     Way way;                       /* whose samples are drawn */
-    Space plain, bent;             /* the whole */
+    Space whole[BENDINGS];
     Surveyed *sum;
 } Survey;
 
@@ -69,37 +71,38 @@ static void tell(Told *told, Reach reach, double share, double value, double to_
     }
 }
 
+/* The values of a path to all ways, relative to the picture. False if it is not to be told. */
+static bool values_of(const Survey *s, const Candidate *c, double picture, double value[WAYS])
+{
+    Render *r = s->render;
+    bool bent = r->scene->has_specular && bdpt_may_be_bent(r->bdpt, c);
+    if (bent && !bdpt_path(r->bdpt, &s->whole[bends(s->way)], c->n_light, c->n_lens, r->x)) return false;
+    for (BentWalks b = BENT_NONE; b < BENDINGS; b++) {
+        value[TRACED + b] = (bent ? path_traced_value(&s->whole[b], r->x) : c->value) / picture;
+        value[JOINED + b] = (bent ? path_bidirectional_value(&s->whole[b], r->x) : luminance(c->rgb)) / picture;
+    }
+    return isfinite(value[s->way]);
+}
+
 static void survey_candidate(void *context, const Candidate *c)
 {
     Survey *s = context;
-    Render *r = s->render;
+    const Render *r = s->render;
     double picture = (double)r->picture[c->pixel], to_tau = picture / (s->scale * (double)r->film[c->pixel].threshold);
-    double joined = luminance(c->rgb) / picture, value = joined, plain = joined, traced = c->value, bent = traced;
-    if (!isfinite(joined)) return;
+    double light = luminance(c->rgb) / picture, value[WAYS];
     bool direct = reach_is_direct(c->reach);
-    if (bends(s->way) && bdpt_may_be_bent(r->bdpt, c)) {
-        if (!bdpt_path(r->bdpt, &s->bent, c->n_light, c->n_lens, r->x)) return;
-        traced = path_traced_value(&s->plain, r->x);
-        bent = path_traced_value(&s->bent, r->x);
-        value = path_bidirectional_value(&s->bent, r->x) / picture;
-        plain = path_bidirectional_value(&s->plain, r->x) / picture;
-    }
-    if (!isfinite(value)) return;
-    if (bends(s->way) || !r->scene->has_specular) {     /* they find all that can be found */
-        double share = direct ? fmin(joined, DIRECT_MOST) : joined;
-        tell(&s->sum->told[TRACED], c->reach, share, traced / picture, to_tau);
-        tell(&s->sum->told[TRACED_BENT], c->reach, share, bent / picture, to_tau);
-        if (!direct) {
-            tell(&s->sum->told[JOINED], c->reach, joined, plain, to_tau);
-            tell(&s->sum->told[JOINED_BENT], c->reach, joined, value, to_tau);
-        }
+    if (!isfinite(light) || !values_of(s, c, picture, value)) return;
+    if (tells(r, s->way)) {
+        double share = direct ? fmin(light, DIRECT_MOST) : light;
+        for (Way way = TRACED; way < WAYS; way++)
+            if (!joins(way) || !direct) tell(&s->sum->told[way], c->reach, share, value[way], to_tau);
     }
     if (direct) return;
     Capped *capped = &s->sum->capped[s->way];
     for (int i = 0; i < CUTS; i++) {
-        double k = kept(to_tau * value, tau_of(i));
-        if (c->n_lens > 1) capped->own[i] += k * joined;
-        else add_square(&capped->moment[i], k * joined * k * joined);
+        double k = kept(to_tau * value[s->way], tau_of(i));
+        if (c->n_lens > 1) capped->own[i] += k * light;
+        else add_square(&capped->moment[i], k * light * k * light);
     }
 }
 
@@ -139,7 +142,7 @@ static void draw(Survey *s, Way way, double most)
 {
     Render *r = s->render;
     const Camera *camera = &r->scene->camera;
-    const Space *space = bends(way) ? &s->bent : &s->plain;
+    const Space *space = &s->whole[bends(way)];
     Capped *c = &s->sum->capped[way];
     uint64_t *rays = r->scene->rays, before = *rays;
     double began = clock_now(), drawn = c->rays;
@@ -196,13 +199,14 @@ void run_survey(Render *r)
 {
     Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED };
     Surveyed *sum = &r->surveyed;
-    Survey s = { .render = r, .scale = r->tau > 0 ? 1 / r->tau : 1, .plain = all, .bent = all, .sum = sum };
-    s.bent.bent = true;
+    Survey s = { .render = r, .scale = r->tau > 0 ? 1 / r->tau : 1, .whole = { all, all, all }, .sum = sum };
+    s.whole[BENT_UNJOINED].bent = BENT_UNJOINED;
+    s.whole[BENT_ALL].bent = BENT_ALL;
     double chain_rays = (double)(r->stats.chain_rays + r->stats.start_rays), best = INFINITY, scale = r->tau > 0 ? r->tau : 1;
     for (Way way = TRACED; way < WAYS; way++)
         if (!bends(way) || r->scene->has_specular) draw(&s, way, SURVEY_SHARE * chain_rays);
     sum->direct.n = sum->capped[TRACED].n;
-    for (Way way = TRACED; way < WAYS; way++) sum->told[way].n = sum->capped[r->scene->has_specular ? JOINED_BENT : JOINED].n;
+    for (Way way = TRACED; way < WAYS; way++) sum->told[way].n = sum->capped[JOINED + (r->scene->has_specular ? BENT_ALL : BENT_NONE)].n;
     /* A short pilot rather misses what is rare: its error is taken half as large again. */
     double error = 1.5 * run_chain_error(r) * chain_rays / (double)r->pixels, power = 0;
     if (r->tau == 0) r->whole_error = error > 0 ? error : UNKNOWN_ERROR;
@@ -219,7 +223,7 @@ void run_survey(Render *r)
             double left = told->left[i] / told->indirect;
             if ((i > 0 && !(left > 0)) || (i >= SURE_CUTS && told->above[i] < LEAST_ABOVE)) break;   /* so few samples cannot tell that nothing is left */
             double path = sqrt(way_variance(sum, way, i) * way_rays(sum, way)), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
-            double both = together(path, rest, least) * (bends(way) ? DOUBT : 1);
+            double both = together(path, rest, least) * DOUBT[bends(way)];
             /* a higher cap has to promise something; where chains hardly matter, to cost nothing */
             if (both >= (path > ALONE * rest && way == chosen && i < SURE_CUTS ? 1.02 : 0.98) * best) continue;
             best = fmin(both, best);

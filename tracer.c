@@ -151,7 +151,7 @@ static void walk_on(Found *f, Walk *walk)
                 Vec3 d = sub(next->point.p, v->point.p);
                 double scattering_pdf_a = pdf_pw * cos_light * fabs(dot(walk->w, from->ng)) / dot(d, d);
                 share = scattering_pdf_a / (scattering_pdf_a + scene_light_preference(scene, &v->point, &next->point) * scene_light_pdf_a(scene, m));
-            } else if (space->bent && !direct && walk->mode != MODE_NONE) share = bend_share_left(scene, next, walk->edges);
+            } else if (!direct && walk->mode != MODE_NONE && space_bends(space, walk->joined)) share = bend_share_left(scene, next, walk->edges);
             find(f, walk, scale(share, mul(walk->throughput, m->ke)), 0, direct);
         }
         if (walk->edges == space->max_depth) return;
@@ -165,7 +165,7 @@ static void walk_on(Found *f, Walk *walk)
                 const double random[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
                 find(f, walk, mul(walk->throughput, sampled_light(space, &next->point, walk->known, direct ? f->numbers->light : random)), 1, direct);
             }
-            if (space->bent && !only_direct) {
+            if (!only_direct && space_bends(space, walk->joined)) {
                 const double random[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
                 Bending bending = { f, walk };
                 next->mode = MODE_NONE;

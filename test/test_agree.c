@@ -466,7 +466,7 @@ static double mean_sum(const Render *r)
     return mean;
 }
 
-static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidirectional, bool bent, float threshold, MetFault fault)
+static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidirectional, BentWalks bent, float threshold, MetFault fault)
 {
     enum { PASSES = 4, SEEDED = 400, STEPS = 100 };                    /* passes of a run, of which each mean has many; chains of them all, steps of a chain */
     Group g = { .runs = RUNS };
@@ -537,13 +537,13 @@ static const char basin_mtl[] = "newmtl wall\nKd 0.6 0.6 0.6\nnewmtl water\nillu
 static const char basin_cam[] = "eye 0 0.7 1.5\nlook 0 -0.6 0\nfov 60\n";
 
 /* The same two accounts where walks are bent. */
-static void test_bent_values(Space space, bool bidirectional)
+static void test_bent_values(Space space, bool bidirectional, BentWalks bent)
 {
     static Pixel film[FILM * FILM];
     for (int i = 0; i < FILM * FILM; i++) film[i] = (Pixel){ .weight = 1, .threshold = 1 };
     space.film = film;
     space.part = CAPPED;
-    space.bent = true;
+    space.bent = bent;
     space.bidirectional = bidirectional;
     Values v = { .bdpt = bdpt_new(), .space = &space, .path = calloc(1, sizeof(Path)) };
     Rng rng = rng_new(seed, 97);
@@ -565,12 +565,14 @@ static void test_met(void)
     folder_write_text("basin.obj", basin_obj);
     folder_write_text("basin.mtl", basin_mtl);
     folder_write_text("basin.cam", basin_cam);
-    const struct { const char *name, *file; int per_pixel; bool bidirectional, bent; float threshold; bool noisy; } list[] = {
-        { "the floor under water, seeds from the path tracer", folder_path("basin.obj"), 60, false, false, 0.05f, false },
-        { "the floor under water, seeds from the path tracer, walks bent", folder_path("basin.obj"), 60, false, true, 0.02f, false },
-        { "the floor under water, all seeds from bidirectional samples", folder_path("basin.obj"), 60, true, false, 0.05f, false },
-        { "the floor under water, all seeds from bidirectional samples, walks bent", folder_path("basin.obj"), 60, true, true, 0.02f, false },
-        { "scenes/cornell.obj, all seeds from bidirectional samples", "scenes/cornell.obj", 120, true, false, 0.005f, true },
+    const struct { const char *name, *file; int per_pixel; bool bidirectional; BentWalks bent; float threshold; bool noisy; } list[] = {
+        { "the floor under water, seeds from the path tracer", folder_path("basin.obj"), 60, false, BENT_NONE, 0.05f, false },
+        { "the floor under water, seeds from the path tracer, walks bent", folder_path("basin.obj"), 60, false, BENT_ALL, 0.02f, false },
+        { "the floor under water, seeds from the path tracer, walks bent where nothing can be joined", folder_path("basin.obj"), 60, false, BENT_UNJOINED, 0.02f, false },
+        { "the floor under water, all seeds from bidirectional samples", folder_path("basin.obj"), 60, true, BENT_NONE, 0.05f, false },
+        { "the floor under water, all seeds from bidirectional samples, walks bent", folder_path("basin.obj"), 60, true, BENT_ALL, 0.02f, false },
+        { "the floor under water, all seeds from bidirectional samples, walks bent where nothing can be joined", folder_path("basin.obj"), 60, true, BENT_UNJOINED, 0.02f, false },
+        { "scenes/cornell.obj, all seeds from bidirectional samples", "scenes/cornell.obj", 120, true, BENT_NONE, 0.005f, true },
     };
     for (size_t i = 0; i < sizeof list / sizeof list[0]; i++) {
         Scene scene;
@@ -578,7 +580,7 @@ static void test_met(void)
         if (!load(&scene, list[i].file)) continue;
         printf("%s\n", list[i].name);
         Space whole = { .scene = &scene, .max_depth = depth, .direct = DIRECT_INCLUDED };
-        if (list[i].bent) test_bent_values(whole, list[i].bidirectional);
+        if (list[i].bent) test_bent_values(whole, list[i].bidirectional, list[i].bent);
         Group path = traced_group(&whole, 4 * n), both = met_group(&scene, depth, n, list[i].bidirectional, list[i].bent, list[i].threshold, NO_FAULT);
         Group much = met_group(&scene, depth, n, list[i].bidirectional, list[i].bent, list[i].threshold, TWICE_LEFT);
         agree("path, capped + chains from what was met", &path, &both, BY_TILES);
