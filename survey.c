@@ -16,8 +16,7 @@ enum {
 /* Samples of a path tracer fill their ranges evenly, and err less than their variance says. That matters where they are on their own (rays per ray of the
  * chains) and rivalled by bidirectional ones: chains' errors are foretold too low. */
 static const double ALONE = 20, EVEN = 0.7;
-/* So few samples hardly see the tails: of what is found by guesses, all the more where paths could be joined; of what is met by chance alone. Without bent walks, or with
- * all of them bent, it has to promise so much more. */
+/* So few samples hardly see the tails of what is met by chance alone, and of what guesses find. By the walks that are bent, the error counts so many times. */
 static const double DOUBT[BENDINGS] = { 1.25, 1, 1.5 };
 static const double SURVEY_SHARE = 0.5;    /* of the rays of the pilot's chains, for each kind, at least */
 
@@ -36,7 +35,8 @@ void run_divide(Render *r)
 
 static bool joins(Way way) { return way >= JOINED; }
 static BentWalks bends(Way way) { return (BentWalks)(way % BENDINGS); }
-static bool tells(const Render *r, Way way) { return way == JOINED + (r->scene->has_specular ? BENT_ALL : BENT_NONE); }
+/* Whose samples find all that can be found, and so tell of all ways. */
+static Way teller(const Render *r) { return r->scene->has_specular ? JOINED + BENT_ALL : JOINED; }
 
 static void add_square(Moment *m, double x) { m->sum += x; m->square += x * x; }
 /* Of one of n: few rare values may dominate it, and then it is rather too small. */
@@ -92,7 +92,7 @@ static void survey_candidate(void *context, const Candidate *c)
     double light = luminance(c->rgb) / picture, value[WAYS];
     bool direct = reach_is_direct(c->reach);
     if (!isfinite(light) || !values_of(s, c, picture, value)) return;
-    if (tells(r, s->way)) {
+    if (s->way == teller(r)) {
         double share = direct ? fmin(light, DIRECT_MOST) : light;
         for (Way way = TRACED; way < WAYS; way++)
             if (!joins(way) || !direct) tell(&s->sum->told[way], c->reach, share, value[way], to_tau);
@@ -206,7 +206,7 @@ void run_survey(Render *r)
     for (Way way = TRACED; way < WAYS; way++)
         if (!bends(way) || r->scene->has_specular) draw(&s, way, SURVEY_SHARE * chain_rays);
     sum->direct.n = sum->capped[TRACED].n;
-    for (Way way = TRACED; way < WAYS; way++) sum->told[way].n = sum->capped[JOINED + (r->scene->has_specular ? BENT_ALL : BENT_NONE)].n;
+    for (Way way = TRACED; way < WAYS; way++) sum->told[way].n = sum->capped[teller(r)].n;
     /* A short pilot rather misses what is rare: its error is taken half as large again. */
     double error = 1.5 * run_chain_error(r) * chain_rays / (double)r->pixels, power = 0;
     if (r->tau == 0) r->whole_error = error > 0 ? error : UNKNOWN_ERROR;
