@@ -117,7 +117,7 @@ if [ "$repeats" -gt 0 ]; then
         END {
             va = n > 1 ? (aa - a * a / n) / (n - 1) / n : 0; vb = n > 1 ? (bb - b * b / n) / (n - 1) / n : 0
             if (va < 0) va = 0; if (vb < 0) vb = 0
-            printf "relMSE of 8 merged runs of %g s: %.5f +- %.5f; of one run of %g s: %.5f +- %.5f; difference in standard errors %.1f\n",
+            printf "relMSE of 8 merged runs of %g s: %.3g +- %.1g; of one run of %g s: %.3g +- %.1g; difference in standard errors %.1f\n",
                 t, a / n, sqrt(va), 8 * t, b / n, sqrt(vb), (va + vb > 0 ? (a - b) / n / sqrt(va + vb) : 0)
         }'
 fi
