@@ -102,7 +102,7 @@ static void add_difference(Differences *d, double squared, double weight)
     d->squares += weight * weight;
 }
 
-/* That mean, as if so many pixels more had 'else'. The three values of a pixel err together. */
+/* That mean, as if so many pixels more had 'elsewhere'. The three values of a pixel err together. */
 static double mean_difference(const Differences *d, double more, double elsewhere)
 {
     double pixels = d->squares > 0 ? d->weight * d->weight / (3 * d->squares) : 0;

@@ -46,7 +46,7 @@ static const Row rows[] = {
     { .name = "lamp in the ceiling's plane", .write = lamp_in_ceiling },
     { .name = "corners in corners", .write = corners },
     { .name = "open glass, large lamp", .write = open_glass, .parameter = 0.75, .max_depth = 8 },
-    { .name = "open glass, small lamp", .write = open_glass, .parameter = 0.0625, .max_depth = 6, .kind = WITHOUT_PATH, .effort = 4 },
+    { .name = "open glass, small lamp", .write = open_glass, .parameter = 0.125, .max_depth = 6, .kind = WITHOUT_PATH, .effort = 8 },
     { .name = "eye on the floor", .write = eye_on_floor },
     { .name = "eye on a sloping floor", .write = eye_on_floor, .parameter = 0.1 },
     { .name = "eye in glass", .write = eye_in_glass, .max_depth = 8 },
