@@ -86,7 +86,7 @@ static void join_bent(void *context, const Bent *bent)
     const Bending *of = context;
     Path *p = &of->bdpt->whole;
     int n_lens = of->n_lens + bent->d;
-    if (!bdpt_path(of->bdpt, of->space, 0, n_lens, p)) return;
+    if (!bdpt_path(of->bdpt, of->space, 0, n_lens, p) || luminance(p->colour) == 0) return;
     double sum = path_bidirectional_value(of->space, p) / luminance(p->colour), weight = of->space->film ? (double)of->space->film[p->pixel].weight : 1;
     Candidate c = { .n_lens = n_lens, .pixel = p->pixel, .rgb = scale(bent->times * sum, p->colour), .value = p->value, .share = p->share, .reach = path_reach(p) };
     c.weight = c.share * luminance(c.rgb) * weight;
@@ -158,12 +158,12 @@ static Routes extend(Routes a, const Scatter *from, double inv_G, const Scatter 
                      a.preference, a.vertices + 1 };
 }
 
-/* Fills the candidate of n_light and n_lens vertices; false if it carries nothing. */
 static bool specular_at_light(const Bdpt *b, int n_light, int n_lens)
 {
     return n_light == 0 ? n_lens > 2 && lens_vertex(b, n_lens - 2)->mode != MODE_NONE : n_light > 2 && b->light.v[1].mode != MODE_NONE;
 }
 
+/* Fills the candidate of n_light and n_lens vertices; false if it carries nothing. */
 static bool join(Bdpt *b, const Space *space, int n_light, int n_lens, Candidate *c)
 {
     const Vertex *lens = lens_vertex(b, n_lens - 1);

@@ -27,7 +27,9 @@ static Estimator estimator_of(const Render *r, double joined_share)
 {
     Estimator e = { .render = r };
     bool twice = run_on_whole(r);
-    double steps = r->steps_sum + r->round.steps, by_chains = twice ? 1 - joined_share : 1;
+    double steps = r->steps_sum + r->round.steps;
+    if (steps == 0) joined_share = 1;
+    double by_chains = twice ? 1 - joined_share : 1;
     if (r->passes.light && r->passes.rows > 0) e.light = (twice ? joined_share * JOINED_STRIDE : 1) * (double)r->scene->camera.height / (double)r->passes.rows;
     if (r->has_chain && steps > 0) {
         double share = r->steps_sum > 0 ? r->steps_square / (r->steps_sum * r->steps_sum) : 1;
@@ -66,7 +68,7 @@ static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
     size_t pixel = (size_t)y * r->scene->camera.width + x;
     Estimate e = { { 0 }, { 0 }, { 0 }, { 0 } };
     if (r->has_direct) {
-        double n = run_samples(p, pixel, y, p->count[y]), inv_n = n > 0 ? 1 / n : 0, rest = n > 1 ? 1 / (n - 1) : 0;
+        double n = (double)run_samples(p, pixel, y, p->count[y]), inv_n = n > 0 ? 1 / n : 0, rest = n > 1 ? 1 / (n - 1) : 0;
         const double *sum = p->sum + 3 * pixel, *square = p->square + 3 * pixel;
         uint32_t tile = run_tile(r, x, y);
         for (int i = 0; i < 3; i++) {
@@ -124,7 +126,7 @@ void run_evenness(Render *r)
     e->mean = 0;
     for (uint32_t y = 0; y < height; y++)
         for (uint32_t x = 0; x < width; x++, pixel++) {
-            double n = run_samples(p, pixel, y, p->count[y]), weight = n > 0 ? 1 / (3 * n * (double)r->pixels) : 0;
+            double n = (double)run_samples(p, pixel, y, p->count[y]), weight = n > 0 ? 1 / (3 * n * (double)r->pixels) : 0;
             for (int i = 0; i < 3; i++) e->mean += weight * p->sum[3 * pixel + (size_t)i];
         }
     for (int in_tiles = 0; in_tiles < 2; in_tiles++) {
@@ -132,7 +134,7 @@ void run_evenness(Render *r)
         for (uint32_t y = 0; y < height; y++)
             for (uint32_t x = 0; x < width; x++, pixel++) {
                 if (!run_in_two(r, x, y)) continue;
-                double n = run_samples(p, pixel, y, p->count[y]), n_first = ceil(n / 2), n_second = n - n_first;
+                double n = (double)run_samples(p, pixel, y, p->count[y]), n_first = ceil(n / 2), n_second = n - n_first;
                 if (n_second < 2) continue;
                 const double *sum = p->sum + 3 * pixel, *square = p->square + 3 * pixel, *first = run_first(r, x, y);
                 for (int i = 0; i < 3; i++) {
@@ -270,7 +272,7 @@ static double likely_value(double value, double variance, double typical)
  * fill so little of that one that its samples look like outliers; but direct light has none. */
 static double surroundings(const Render *r, size_t pixel, uint32_t y, double typical)
 {
-    double n = r->has_direct ? r->passes.count[y] : 0, direct = n > 0 ? r->passes.direct[pixel] / (3 * n) : 0;
+    double n = r->has_direct ? (double)r->passes.count[y] : 0, direct = n > 0 ? r->passes.direct[pixel] / (3 * n) : 0;
     return direct > 4 * typical ? direct : typical;
 }
 
@@ -356,10 +358,10 @@ static void learn_agreement(Render *r, double mean)
 }
 
 /* The error of two kinds of work falls as 1/rays in each; together it is least where rays go as sqrt(error * rays). */
-static double best_share(double error, uint64_t rays, double other_error, uint64_t other_rays, double most)
+static double best_share(double error, uint64_t rays, double other_error, uint64_t other_rays, double least, double most)
 {
     double share = sqrt(error * (double)rays / (other_error * (double)other_rays));
-    return share > 0.02 ? fmin(share, most) : 0.02;    /* NaN too */
+    return share > least ? fmin(share, most) : least;  /* NaN too */
 }
 
 /* Of a pilot on the whole integrand the brighter of what chains and bidirectional samples say: each may have missed what the other finds, and outliers
@@ -435,8 +437,9 @@ void run_learn(Render *r)
             /* what the uncertain b alone contributes, of the seeds that samples have met and of bootstraps */
             double per_variance = chain_energy / (r->b_sum * r->b_sum), by_met = r->met_variance_sum * per_variance, by_b = r->b_variance_sum * per_variance - by_met;
             double others = fmax(chain - by_met, 0.1 * chain);
-            if (r->has_direct && !pilot) r->direct_share = best_share(sampled + by_met, r->passes.rays, others, chain_rays, run_most_share(r));
-            r->start_share = best_share(by_b, r->stats.start_rays, fmax(chain - by_b, 0.1 * chain), r->stats.chain_rays, 2);
+            if (r->has_direct && !pilot) r->direct_share = best_share(sampled + by_met, r->passes.rays, others, chain_rays, 0.02, run_most_share(r));
+            /* but b is not all: of few bootstrap samples a heavy one begins so many chains that its pixel is too bright */
+            r->start_share = best_share(by_b, r->stats.start_rays, fmax(chain - by_b, 0.1 * chain), r->stats.chain_rays, 0.05, 2);
         }
         learn_agreement(r, mean);
     } else if (!r->has_chain || r->stats.bootstrap_hits == 0) r->relative_error = 0;     /* black, and nothing says that it should not be */
@@ -468,7 +471,7 @@ void run_share_out(Render *r)
     if (!noise) return;                        /* goes on as it is */
     for (size_t i = 0; i < r->pixels; i++) mean += (double)r->film[i].threshold / (r->tau * (double)r->pixels);
     for (size_t pixel = 0; pixel < r->pixels; pixel++) {
-        double n = p->count[pixel / (size_t)width], typical = (double)r->film[pixel].threshold / r->tau;
+        double n = (double)p->count[pixel / (size_t)width], typical = (double)r->film[pixel].threshold / r->tau;
         noise[pixel] = 0;
         for (size_t i = 3 * pixel; i < 3 * pixel + 3; i++) {
             double value = p->sum[i] / n, variance = larger(0, p->square[i] / n - value * value), likely = likely_value(value, variance / n, typical);
@@ -516,7 +519,7 @@ void render_image(const Render *r, Image *image)
 {
     Estimator all = estimator(r);
     float *rgb = image->rgb;
-    if (r->early) {                            /* since it is divided, too little has been done to make up the integrand */
+    if (!run_begun(r) && r->early) {           /* since it is divided, too little has been done to make up the integrand */
         memcpy(rgb, r->early->rgb, 3 * r->pixels * sizeof *rgb);
         return;
     }
@@ -534,6 +537,6 @@ void render_error_image(const Render *r, Image *image)
     for (uint32_t y = 0; y < image->height; y++)
         for (uint32_t x = 0; x < image->width; x++) {
             Estimate e = estimate(&all, x, y);
-            for (int i = 0; i < 3; i++) *rgb++ = r->early ? 0 : (float)sqrt(e.sampled_variance[i] + e.chain_variance[i]);
+            for (int i = 0; i < 3; i++) *rgb++ = !run_begun(r) && r->early ? 0 : (float)sqrt(e.sampled_variance[i] + e.chain_variance[i]);
         }
 }

@@ -152,8 +152,6 @@ static bool render_and_write(const Options *o, const Scene *scene, Render *rende
     if (scene->n_lights > 0 && is_black(image))
         report_warning(report, o->scene, 0, "the picture is black: %s", unseen ? "the camera sees no light" : "so short a run has rendered nothing");
     else if (isinf(stats.tau)) report_warning(report, o->scene, 0, "the run was too short for the chains: all light is path traced");
-    else if (cost.chains && scene->n_lights > 0 && stats.mutations == 0 && (stats.bootstrap_samples == 0 || stats.bootstrap_hits > 0))
-        report_warning(report, o->scene, 0, "the run was too short for the chains: most of the indirect light is missing");
     ok &= write_pictures(o, render, image, report);
     if (o->stats && !write_stats(o->stats, scene, &stats, &cost, report)) {
         complain(report);

@@ -75,7 +75,7 @@ static uint64_t sample_stream(const Render *r) { return (uint64_t)(r->pilot ? 7 
 
 /* The i-th sample of a pixel. Its place there and the first choices on its way fill their ranges evenly over the pixel's samples; where they are two
  * sequences, in turn, over each of both. */
-static bool sample_pixel(Render *r, uint32_t column, uint32_t row, uint32_t i, double often, Rng *rng)
+static bool sample_pixel(Render *r, uint32_t column, uint32_t row, uint64_t i, double often, Rng *rng)
 {
     Passes *p = &r->passes;
     size_t pixel = (size_t)row * r->scene->camera.width + column;
@@ -105,14 +105,15 @@ static bool sample_pixel(Render *r, uint32_t column, uint32_t row, uint32_t i, d
 bool run_sample_row(Render *r)
 {
     Passes *p = &r->passes;
-    uint32_t width = r->scene->camera.width, row = row_of(r), pass = p->count[row];
+    uint32_t width = r->scene->camera.width, row = row_of(r);
+    uint64_t pass = p->count[row];
     uint64_t rays = *r->scene->rays;
     Rng rng = rng_new(r->settings->seed, sample_stream(r) + ((uint64_t)1 << 60) + p->rows);
     for (uint32_t column = 0; column < width; column++) {
         size_t pixel = (size_t)row * width + column;
-        uint32_t end = run_samples(p, pixel, row, pass + 1);
+        uint64_t end = run_samples(p, pixel, row, pass + 1);
         double often = p->settled ? (double)p->often[pixel] : 1;
-        for (uint32_t i = run_samples(p, pixel, row, pass); i < end; i++)
+        for (uint64_t i = run_samples(p, pixel, row, pass); i < end; i++)
             if (!sample_pixel(r, column, row, i, often, &rng)) return false;
     }
     p->rows++;

@@ -23,6 +23,7 @@ enum {
     WHOLE_PILOTS = 3, PILOTS = 6,  /* short rounds that teach, a hundredth of the work each, and are thrown away; while the integrand is whole, and all */
     ROUNDS = 16,                   /* that make the picture */
     PILOT_STEPS = 64,              /* mutations per pixel that a pilot round needs at most */
+    FREE_STEPS = 16,               /* mutations per pixel in a round of a run that only its error ends */
     LEARN_RAYS = 4,                /* per pixel after which it pays to learn again, and a quarter more than so far: that costs as much as some 0.2 */
     SURE_SHARE = 20,               /* rays of independent samples per ray of the chains: above it chains matter little */
     LEAST_PASSES = 6,              /* of samples that a run with chains must have time for */
@@ -39,6 +40,27 @@ double clock_now(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+/* That make the picture: none is without a chain. */
+static uint64_t rounds_of_run(const Settings *s) { return s->chains > 0 && s->chains < ROUNDS ? s->chains : ROUNDS; }
+
+/* No round yet. */
+static void begin(Render *r)
+{
+    const Settings *s = r->settings;
+    DirectClass all = s->direct == LIGHT_ONLY ? DIRECT_ONLY : s->direct == LIGHT_NONE ? DIRECT_EXCLUDED : DIRECT_INCLUDED;
+    r->chain_space = r->direct_space = r->joined_space = (Space){ .scene = r->scene, .max_depth = s->max_depth, .direct = all, .film = r->film };
+    if (r->has_chain) {
+        r->direct_space.direct = DIRECT_ONLY;
+        if (s->direct == LIGHT_APART) r->chain_space.direct = r->joined_space.direct = DIRECT_EXCLUDED;
+        r->joined_space.bent = r->chain_space.bent = r->scene->has_specular ? BENT_ALL : BENT_NONE;
+    }
+    r->pilot = r->has_chain;
+    r->direct_share = 1;
+    r->tau = 0;
+    r->rounds = 0;
+    r->last_round = PILOTS + rounds_of_run(s);
+}
+
 Render *render_new(const Scene *scene, const Settings *settings)
 {
     Render *r = calloc(1, sizeof *r);
@@ -46,16 +68,8 @@ Render *render_new(const Scene *scene, const Settings *settings)
     r->scene = scene;
     r->settings = settings;
     r->pixels = (size_t)scene->camera.width * scene->camera.height;
-    DirectClass all = settings->direct == LIGHT_ONLY ? DIRECT_ONLY : settings->direct == LIGHT_NONE ? DIRECT_EXCLUDED : DIRECT_INCLUDED;
-    r->chain_space = r->direct_space = r->joined_space = (Space){ .scene = scene, .max_depth = settings->max_depth, .direct = all };
-    if (settings->integrator == INTEGRATOR_MLT) {
-        r->has_chain = settings->direct != LIGHT_ONLY;
-        r->has_direct = settings->direct == LIGHT_ONLY || settings->direct == LIGHT_APART;
-        r->direct_space.direct = DIRECT_ONLY;
-        if (settings->direct == LIGHT_APART) r->chain_space.direct = r->joined_space.direct = DIRECT_EXCLUDED;
-        r->joined_space.bent = r->chain_space.bent = scene->has_specular ? BENT_ALL : BENT_NONE;
-        r->pilot = r->has_chain;
-    } else r->has_direct = true;
+    r->has_chain = settings->integrator == INTEGRATOR_MLT && settings->direct != LIGHT_ONLY;
+    r->has_direct = !r->has_chain || settings->direct == LIGHT_APART;
     r->bidirectional = settings->integrator == INTEGRATOR_BDPT;
 
     size_t doubles = 3 * r->pixels;
@@ -63,7 +77,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     if (r->has_direct)
         ok = ok && (r->passes.sum = calloc(doubles, 8)) && (r->passes.square = calloc(doubles, 8)) && (r->passes.direct = calloc(r->pixels, 8))
             && (r->passes.first = calloc(run_firsts(r), 8)) && (r->passes.often = calloc(r->pixels, 4)) && (r->passes.cost = calloc(r->pixels, 4))
-            && (r->passes.count = calloc(scene->camera.height, 4)) && (r->passes.alike = calloc(scene->camera.height, 4));
+            && (r->passes.count = calloc(scene->camera.height, 8)) && (r->passes.alike = calloc(scene->camera.height, 8));
     if (r->bidirectional || (r->has_chain && r->has_direct))
         ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)
@@ -71,15 +85,13 @@ Render *render_new(const Scene *scene, const Settings *settings)
             && (r->film = large_alloc(r->pixels * sizeof *r->film)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8));
     if (!ok) { render_free(r); return NULL; }
     for (size_t i = 0; r->has_chain && i < r->pixels; i++) r->film[i] = (Pixel){ .weight = 1 };
-    r->chain_space.film = r->direct_space.film = r->joined_space.film = r->film;
+    begin(r);
     r->sampler = sampler_for(scene, settings->strategies);
-    r->direct_share = 1;
     r->rate = 1e6;
     r->samples_rate = 1e4;
     r->samples_per_step = 0.2;
     r->rays_per_step = scene->n_lights > 0 ? 2 : 0;
     r->relative_error = NAN;
-    r->last_round = PILOTS + ROUNDS;
     return r;
 }
 
@@ -130,6 +142,25 @@ static void splat_path(void *context, const Path *path, double weight)
     sum[2] += scale * path->colour.z;
 }
 
+/* Where the number of chains was asked for: of these in a round, *left in it and those after it. */
+static double asked_chains_left(const Render *r, uint64_t round, double *left)
+{
+    double n = (double)r->settings->chains, all = (double)rounds_of_run(r->settings), i = fmod((double)round - PILOTS, all), before = floor(n * i / all);
+    *left = n - before;
+    return floor(n * (i + 1) / all) - before;
+}
+static double asked_chains(const Render *r, uint64_t round) { double left; return asked_chains_left(r, round, &left); }
+
+/* Of what is left to do, the coming round's: all chains are of one length, where their number was asked for. */
+static double round_share(const Render *r)
+{
+    double left;
+    if (r->rounds < PILOTS) return 0.01;
+    if (r->settings->chains == 0 || r->rounds >= r->last_round) return 1 / ((double)r->last_round - (double)r->rounds);
+    double chains = asked_chains_left(r, r->rounds, &left);
+    return chains / left;
+}
+
 /* How many chains share a round's steps: as many as it is likely to have seeds that are worth one, for chains from the same heavy
  * seed would walk the same ground, and one long chain gets further than they. Likely by earlier rounds: were it this one's own, the
  * chains' length would depend on the weights, and the expectation would no longer be exact. */
@@ -137,10 +168,7 @@ static double chain_number(const Render *r)
 {
     const Settings *s = r->settings;
     double steps = r->round.planned, seeds = r->seeds > 0 ? r->seeds : 128;
-    if (s->chains > 0) {
-        double n = (double)s->chains, total = s->per_pixel * (double)r->pixels, before = floor(n * r->steps_sum / total);
-        return fmax(1, fmin(steps, total > 0 ? floor(n * (r->steps_sum + steps) / total) - before : ceil(n / ROUNDS)));
-    }
+    if (s->chains > 0) return fmax(1, fmin(steps, r->rounds <= PILOTS ? ceil((double)s->chains / ROUNDS) : asked_chains(r, r->rounds - 1)));
     return floor(fmin(fmax(0.5 * seeds, 8), fmax(1, steps / 64)));
 }
 
@@ -161,8 +189,7 @@ static double bootstrap_samples(const Render *r, double steps)
 /* A round's part of the time that is left, and of that the chains'. Returns theirs, in seconds. */
 static double plan_time(const Render *r, Round *round)
 {
-    double now = clock_now(), share = r->rounds < PILOTS ? 0.01 : 1 / ((double)r->last_round - (double)r->rounds);
-    double time = (r->settings->start + r->settings->seconds - now) * share;
+    double now = clock_now(), time = (r->settings->start + r->settings->seconds - now) * round_share(r);
     round->chain_seconds = r->has_direct ? time / (1 + r->direct_share) : time;
     round->deadline = now + time;
     round->direct_deadline = round->deadline - round->chain_seconds;
@@ -173,12 +200,12 @@ static double plan_time(const Render *r, Round *round)
 static bool plan_round(Render *r)
 {
     const Settings *s = r->settings;
-    double total = s->per_pixel * (double)r->pixels, left = (double)r->last_round - (double)r->rounds, share = r->rounds < PILOTS ? 0.01 : 1 / left;
+    double total = s->per_pixel * (double)r->pixels;
     if (r->rounds >= PILOTS && total > 0 && r->steps_sum >= total) return false;    /* an earlier run has done as much */
     Round round = { .phase = DIRECT, .planned = INFINITY, .deadline = INFINITY, .direct_deadline = INFINITY };
-    if (total == 0 && s->seconds == 0) round.planned = 16 * (double)r->pixels;
-    if (isinf(round.planned) && left <= 0) return false;
-    if (total > 0) round.planned = floor((total - r->steps_sum) * share + 0.5);
+    if (total == 0 && s->seconds == 0) round.planned = FREE_STEPS * (double)r->pixels;
+    if (isinf(round.planned) && r->rounds >= r->last_round) return false;
+    if (total > 0) round.planned = floor((total - r->steps_sum) * round_share(r) + 0.5);
     if (r->rounds < PILOTS) round.planned = fmin(round.planned, PILOT_STEPS * (double)r->pixels);
     double time = INFINITY;
     if (s->seconds > 0) {
@@ -335,7 +362,7 @@ static void forget_chains(Render *r)
 /* Whether a pass of samples, of which the pilot needs one and the picture two, is short beside the run. Some rows tell. False if memory runs out. */
 static bool time_for_pilot(Render *r, bool *enough)
 {
-    double start = clock_now(), seconds = r->settings->seconds, height = r->scene->camera.height;
+    double start = clock_now(), seconds = r->settings->start + r->settings->seconds - start, height = r->scene->camera.height;
     while (r->passes.rows < r->scene->camera.height && r->passes.rows < 16 && clock_now() - start < 0.02 * seconds)
         if (!run_sample_row(r)) return false;
     double pass = (clock_now() - start) / (double)r->passes.rows * height;
@@ -362,7 +389,7 @@ static bool learn_from_pilot(Render *r)
     r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };
     if (r->rounds != PILOTS && !(r->has_direct && r->rounds == WHOLE_PILOTS)) return true;
     if (r->has_direct) {
-        if (r->rounds < PILOTS) {
+        if (!r->early) {
             Image *picture = image_new(r->scene->camera.width, r->scene->camera.height);
             if (!picture) return false;
             render_image(r, picture);
@@ -376,8 +403,6 @@ static bool learn_from_pilot(Render *r)
     forget_chains(r);
     r->pilot = r->rounds < PILOTS;
     if (!r->has_direct || r->pilot) return true;
-    image_free(r->early);
-    r->early = NULL;
     run_forget_samples(r);
     return one_pass(r);
 }
@@ -387,7 +412,9 @@ static bool learn_from_pilot(Render *r)
 static double least_rows(const Render *r)
 {
     double height = r->scene->camera.height, rounds = (double)r->rounds, least = height * (rounds <= PILOTS ? 1 : fmin(2 * (rounds - PILOTS), 4));
-    return r->rays_per_step > 0 || rounds <= PILOTS + 1 ? least : fmax(least, r->settings->per_pixel * height * (rounds - PILOTS) / ROUNDS);
+    const Settings *s = r->settings;
+    double in_round = s->per_pixel > 0 ? s->per_pixel / (double)rounds_of_run(s) : s->seconds > 0 ? 0 : FREE_STEPS;
+    return r->rays_per_step > 0 || rounds <= PILOTS + 1 ? least : fmax(least, in_round * height * (rounds - PILOTS));
 }
 
 /* An interruption leaves the round as it stands, to be gone on with. */
@@ -422,6 +449,10 @@ static bool run_chains(Render *r)
         if (!run_round(r)) return false;
         if (!going(r)) break;
         run_close_chains(r);
+        if (run_begun(r)) {
+            image_free(r->early);
+            r->early = NULL;
+        }
         bool due = r->pilot ? r->chain_space.part == WHOLE : (double)*r->scene->rays >= fmax(r->learned + LEARN_RAYS * (double)r->pixels, 1.25 * r->learned);
         if (due || r->rounds == r->last_round) {
             start = clock_now();
@@ -455,11 +486,18 @@ static bool run_passes(Render *r)
 }
 
 /* Where nothing is left of what an earlier run was asked for, a resumed one ends at once; with more asked for it has as many rounds again for
- * the rest. A round that was interrupted goes on, on this run's clock. */
+ * the rest. A round that was interrupted goes on, on this run's clock. One that had no time for chains begins anew if there is time now. */
 void run_go_on(Render *r)
 {
+    double left = r->settings->seconds > 0 ? r->settings->start + r->settings->seconds - clock_now() : INFINITY;
+    if (isinf(r->tau) && LEAST_PASSES * r->stats.seconds_direct / (double)r->passes.rows * r->scene->camera.height < left) {
+        run_forget_samples(r);
+        r->stats = (RenderStats){ .b = 0 };
+        r->round = (Round){ .phase = PLAN };
+        begin(r);
+    }
     if (r->round.phase == PLAN) {
-        if (r->rounds >= r->last_round) r->last_round = r->rounds + ROUNDS;
+        if (r->rounds >= r->last_round) r->last_round = r->rounds + rounds_of_run(r->settings);
     } else if (r->settings->seconds > 0) {     /* deadlines were of another clock */
         r->rounds--;
         plan_time(r, &r->round);

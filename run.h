@@ -27,7 +27,7 @@ typedef struct {
     float *often;                  /* [pixels] samples in a pass since it was settled: a mean of 1 */
     float *cost;                   /* [pixels] rays for the samples of each pixel before that */
     double offset;                 /* in [0,1): where the pixels begin to count */
-    uint32_t *count, *alike;       /* [height] passes over a row; of these, before it was settled */
+    uint64_t *count, *alike;       /* [height] passes over a row; of these, before it was settled */
     bool settled;
     double cut, cut_square;        /* over samples, of what the threshold took from them, a mean over channels */
     uint64_t rows;                 /* sampled so far; the pass is rows / height */
@@ -95,7 +95,7 @@ struct Render {
     /* chains: this round's splats, and over finished rounds the sum of steps * picture and of steps * picture^2 */
     Pixel *film;                   /* [pixels] */
     float *picture;                /* [pixels] the pilot's brightness, where no light of a few samples is left out */
-    Image *early;                  /* the picture that the first pilot has made, while the second is under way; else NULL */
+    Image *early;                  /* the picture that the first pilot has made, until there is one of the divided integrand; else NULL */
     double *sum, *square;          /* [pixels][3] */
     double steps_sum, steps_square;/* over finished rounds: of steps, and of steps^2 */
     double b_sum, b_variance_sum;  /* over rounds: of steps * b, and of steps^2 * variance of b */
@@ -126,6 +126,11 @@ void run_close_chains(Render *render);
 static inline bool run_in_two(const Render *r, uint32_t x, uint32_t y) { return (x + 5 * y + (uint32_t)r->settings->seed) % 16 == 0; }
 static inline size_t run_firsts(const Render *r) { return 3 * (size_t)r->scene->camera.height * (r->scene->camera.width / 16 + 1); }
 static inline double *run_first(const Render *r, uint32_t x, uint32_t y) { return &r->passes.first[3 * ((size_t)y * (r->scene->camera.width / 16 + 1) + x / 16)]; }
+/* Whether there is anything of the picture beside what the pilots have made: where the integrand is divided, both of its parts. */
+static inline bool run_begun(const Render *r)
+{
+    return !r->has_chain || !r->has_direct || isinf(r->tau) || (!r->pilot && r->steps_sum + r->round.steps > 0);
+}
 /* Measures the evenness of independent samples. */
 void run_evenness(Render *render);
 /* The part of the film that a pixel (column, row) is in, and how many there are. */
@@ -138,10 +143,10 @@ void run_tile_light(const Render *render, TileLight light[]);
 bool run_sample_row(Render *render);
 void run_forget_samples(Render *render);
 /* Samples that a pixel of row y has had after so many passes. */
-static inline uint32_t run_samples(const Passes *p, size_t pixel, uint32_t y, uint32_t passes)
+static inline uint64_t run_samples(const Passes *p, size_t pixel, uint32_t y, uint64_t passes)
 {
     if (!p->settled || passes <= p->alike[y]) return passes;
-    return p->alike[y] + (uint32_t)((passes - p->alike[y]) * (double)p->often[pixel] + even(p->offset, pixel, 0));
+    return p->alike[y] + (uint64_t)((double)(passes - p->alike[y]) * (double)p->often[pixel] + even(p->offset, pixel, 0));
 }
 /* Estimates the error of the picture, and from it the shares of work and the two-stage weight. */
 void run_learn(Render *render);

@@ -71,7 +71,7 @@ static uint64_t identity(const Scene *scene, const Settings *s)
     return h;
 }
 
-static const char MAGIC[] = "MLTRUNA\n";            /* the number changes with what is kept */
+static const char MAGIC[] = "MLTRUNB\n";            /* the number changes with what is kept */
 
 typedef struct {
     char magic[8];
@@ -327,8 +327,6 @@ static bool add_whole(Render *to, const Render *run)
         }
         to->steps_sum = (first ? 0 : to->steps_sum) + weight;
         to->has_direct = false;
-        image_free(to->early);
-        to->early = NULL;
     }
     image_free(value);
     image_free(error);
@@ -368,6 +366,11 @@ Render *render_merge(const char *const *path, int n, Report *report)
         if (ok) ok = (r = read_run(file, &header, path[i], report)) != NULL;
         fclose(file);
         if (!ok) break;
+        if (!run_begun(r)) {
+            report_warning(report, path[i], 0, "the run was stopped before it had a picture of its own, and is left out");
+            render_merged_free(r);
+            continue;
+        }
         known = known && (r->stats.b == 0 || r->steps_square < r->steps_sum * r->steps_sum);
         free(r->passes.first);                 /* of runs together it tells nothing: each has measured its evenness */
         r->passes.first = NULL;
@@ -406,6 +409,7 @@ Render *render_merge(const char *const *path, int n, Report *report)
         render_merged_free(r);
     }
     free(seeds);
+    if (ok && !merged) ok = report_error(report, NULL, 0, "no run is left to merge");
     if (ok) {
         if (whole) close_whole(merged, known);
         else if (merged->steps_sum > 0) merged->stats.b = merged->b_sum / merged->steps_sum;

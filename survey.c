@@ -18,7 +18,7 @@ enum {
 static const double ALONE = 20, EVEN = 0.7;
 /* So few samples hardly see the tails of what is met by chance alone, and of what guesses find. By the walks that are bent, the error counts so many times. */
 static const double DOUBT[BENDINGS] = { 1.25, 1, 1.5 };
-static const double SURVEY_SHARE = 0.5;    /* of the rays of the pilot's chains, for each kind, at least */
+static const double SURVEY_SHARE = 0.5, SURVEY_RAYS = 4e6;     /* of each kind such a share of the rays of the pilot's chains, up to so many */
 
 /* What is capped is the path tracer's; or direct light is, and a bidirectional one has the rest of it. */
 void run_divide(Render *r)
@@ -197,14 +197,14 @@ static double together(double a, double b, double least)
  * nothing for long. Spent in the best proportion, both together have (sqrt(a) + sqrt(b))^2. Scales the thresholds. */
 void run_survey(Render *r)
 {
-    Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED };
+    Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED, .film = r->film /* values are asked for */ };
     Surveyed *sum = &r->surveyed;
     Survey s = { .render = r, .scale = r->tau > 0 ? 1 / r->tau : 1, .whole = { all, all, all }, .sum = sum };
     s.whole[BENT_UNJOINED].bent = BENT_UNJOINED;
     s.whole[BENT_ALL].bent = BENT_ALL;
     double chain_rays = (double)(r->stats.chain_rays + r->stats.start_rays), best = INFINITY, scale = r->tau > 0 ? r->tau : 1;
     for (Way way = TRACED; way < WAYS; way++)
-        if (!bends(way) || r->scene->has_specular) draw(&s, way, SURVEY_SHARE * chain_rays);
+        if (!bends(way) || r->scene->has_specular) draw(&s, way, fmin(SURVEY_SHARE * chain_rays, SURVEY_RAYS));
     sum->direct.n = sum->capped[TRACED].n;
     for (Way way = TRACED; way < WAYS; way++) sum->told[way].n = sum->capped[teller(r)].n;
     /* A short pilot rather misses what is rare: its error is taken half as large again. */

@@ -593,6 +593,97 @@ static void test_met(void)
     }
 }
 
+/* ---- colours of which nothing is left ---- */
+
+/* A red lamp over a green floor, both behind glass: paths from one to the other carry nothing, and are no samples that failed. */
+static const char primaries_obj[] =
+    "mtllib primaries.mtl\n"
+    "v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nv -1 2 -1\nv 1 2 -1\nv 1 2 1\nv -1 2 1\n"
+    "v -0.5 1.9 -0.3\nv -0.1 1.9 -0.3\nv -0.1 1.9 0.3\nv -0.5 1.9 0.3\nv 0.1 1.9 -0.3\nv 0.5 1.9 -0.3\nv 0.5 1.9 0.3\nv 0.1 1.9 0.3\n"
+    "v -0.9 1.5 -0.9\nv 0.9 1.5 -0.9\nv 0.9 1.5 0.9\nv -0.9 1.5 0.9\nv -0.9 1.6 -0.9\nv 0.9 1.6 -0.9\nv 0.9 1.6 0.9\nv -0.9 1.6 0.9\n"
+    "usemtl green\nf 1 4 3 2\n"
+    "usemtl white\nf 5 6 7 8\nf 1 2 6 5\nf 1 5 8 4\nf 2 3 7 6\nf 4 8 7 3\n"
+    "usemtl red\nf 9 10 11 12\n"
+    "usemtl lamp\nf 13 14 15 16\n"
+    "usemtl glass\nf 17 18 19 20\nf 21 24 23 22\nf 17 21 22 18\nf 18 22 23 19\nf 19 23 24 20\nf 20 24 21 17\n";
+static const char primaries_mtl[] =
+    "newmtl green\nKd 0 0.8 0\nnewmtl white\nKd 0.5 0.5 0.5\nnewmtl red\nKd 0 0 0\nKe 8 0 0\nnewmtl lamp\nKd 0 0 0\nKe 4 4 4\nnewmtl glass\nillum 4\nNi 1.5\n";
+static const char primaries_cam[] = "eye 0 0.7 0.95\nlook 0 0.5 0\nfov 80\n";
+
+static void test_primaries(void)
+{
+    Scene scene;
+    folder_write_text("primaries.obj", primaries_obj);
+    folder_write_text("primaries.mtl", primaries_mtl);
+    folder_write_text("primaries.cam", primaries_cam);
+    if (!load(&scene, folder_path("primaries.obj"))) return;
+    static const Effort effort = { 96, 96, 192, 6000 };
+    Group bdpt = render_group(&scene, INTEGRATOR_BDPT, LIGHT_APART, 6, effort);
+    Group chains = render_group(&scene, INTEGRATOR_MLT, LIGHT_CHAIN, 6, effort), divided = render_group(&scene, INTEGRATOR_MLT, LIGHT_APART, 6, effort);
+    printf("primaries.obj\n");
+    agree("bdpt, mlt with --direct chain", &bdpt, &chains, BY_TILES);
+    agree("bdpt, mlt", &bdpt, &divided, BY_TILES);
+    scene_free(&scene);
+}
+
+/* ---- stopped at any moment ---- */
+
+/* What a run has done when it is stopped. */
+typedef enum { NO_CHAIN_YET, ONE_PILOT, DIVIDED, A_ROUND, STOPS } Stop;
+static bool has_come(const Render *r, Stop moment)
+{
+    switch (moment) {
+    case NO_CHAIN_YET: return true;
+    case ONE_PILOT: return r->pilot && r->early;
+    case DIVIDED: return !r->pilot;
+    default: return !r->pilot && r->steps_sum > 0;
+    }
+}
+static bool until(void *context, const Render *r) { return !has_come(r, *(const Stop *)context); }
+
+/* The picture of a run that is stopped lacks no light, whatever it had come to; and no merge takes what only pilots have made for a result. */
+static void test_stopped(void)
+{
+    static const char *const name[] = { "before a chain", "after a pilot", "the integrand just divided", "a round is done" };
+    enum { TIMES = 30, OFTEN = 1200 /* where a run is short */, DEPTH = 6 };
+    Scene scene;
+    Image *image = image_new(FILM, FILM);
+    if (!CHECK(image) || !load(&scene, "scenes/door.obj")) return;
+    static const Effort effort = { 0, 400, 0, 0 };
+    Group bdpt = render_group(&scene, INTEGRATOR_BDPT, LIGHT_APART, DEPTH, effort);
+    double expected, of_expected;
+    moments(&bdpt, TILES * TILES, &expected, &of_expected);
+    printf("stopped, door: the picture's mean over that of bidirectional samples\n");
+    for (Stop stop = 0; stop < STOPS; stop++) {
+        double value[OFTEN], mean, variance;
+        int times = stop == NO_CHAIN_YET ? OFTEN : TIMES;
+        for (int i = 0; i < times; i++) {
+            Settings s = { .direct = LIGHT_APART, .max_depth = DEPTH, .strategies = ~0u, .seed = seed * 1000000 + 500000 + (uint64_t)i, .per_pixel = 800 };
+            Render *r = render_new(&scene, &s);
+            if (!CHECK(r && render_run(r, until, &stop))) return;
+            render_image(r, image);
+            if (stop == DIVIDED) CHECK(memcmp(image->rgb, r->early->rgb, 3 * r->pixels * sizeof(float)) == 0);     /* capped samples alone are none */
+            value[i] = 0;
+            for (size_t j = 0; j < FILM * FILM; j++) value[i] += luminance(from_float(image->rgb + 3 * j)) / (FILM * FILM);
+            if (i == 0) {
+                Report report = { .warnings = NULL };
+                const char *state = folder_path("stopped.state");
+                CHECK(render_save(r, state, &report));
+                Render *merged = render_merge(&state, 1, &report);
+                CHECK((merged != NULL) == (stop == A_ROUND));
+                render_merged_free(merged);
+            }
+            render_free(r);
+        }
+        mean_and_variance(value, 1, times, &mean, &variance);
+        double error = sqrt(variance + of_expected), t, chance = welch_chance(expected, of_expected, bdpt.runs, mean, variance, times, &t);
+        printf("    %-28s %.3f +- %.3f\n", name[stop], mean / expected, error / expected);
+        CHECK(chance > 1e-6 && error < 0.03 * expected);
+    }
+    image_free(image);
+    scene_free(&scene);
+}
+
 /* ---- the furnace ---- */
 
 static void test_furnace(void)
@@ -721,6 +812,8 @@ int main(int argc, char **argv)
     test_divided();
     test_spread();
     test_met();
+    test_primaries();
+    test_stopped();
     test_furnace();
     test_found();
     test_estimated();

@@ -276,6 +276,12 @@ for options in '' '--integrator path' '--integrator bdpt'; do
     check "-e before -t: $options" between 0 20 "$(value seconds_total out/stats)"
     check "-e is reached: $options" between 0 0.3 "$(value estimated_relative_error out/stats)"
 done
+# As many chains as are asked for: one, of which no error is known.
+expect 0 room.obj -q -n 400 --direct chain --chains 1 --stats out/stats -o out/a.pfm
+check '--chains 1: no error is known' test "$(value estimated_relative_error out/stats)" = null
+check '--chains 1: all mutations' between 400 400 "$(awk "BEGIN { print $(value mutations out/stats) / $(value width out/stats) / $(value height out/stats) }")"
+expect 0 room.obj -q -n 400 --direct chain --chains 3 --stats out/stats -o out/a.pfm
+check '--chains 3: an error is known' between 0 2 "$(value estimated_relative_error out/stats)"
 sweep
 
 # ---- units and origin: neither is to be seen in the picture ----
@@ -702,14 +708,14 @@ for scene in dark blind; do
     expect 0 $scene.obj $short -o out/a.pfm
     check "no warning with -q: $scene" silent
 done
-# No error can be estimated where there is nothing to see: -e alone must end all the same.
-for options in '' '--integrator path' '--integrator bdpt'; do
-    "$mlt" blind.obj -q -s 4x4 -e 0.1 $options -o out/a.pfm &
+# No error can be estimated where there is nothing to see, and where all light is direct chains find nothing: -e alone must end all the same.
+for options in 'blind.obj -s 4x4' 'blind.obj -s 4x4 --integrator path' 'blind.obj -s 4x4 --integrator bdpt' 'room.obj -s 64x64 --max-depth 2'; do
+    "$mlt" -q -e 0.01 $options -o out/a.pfm &
     render=$!
     (for second in 1 2 3 4 5 6 7 8 9 10; do sleep 1; done; kill -KILL $render) >/dev/null 2>&1 &
     watchdog=$!
     wait $render
-    check "nothing to see: -e ends the run: $options" test $? -eq 0
+    check "-e ends the run: $options" test $? -eq 0
     kill $watchdog 2>/dev/null
 done
 sweep
