@@ -287,10 +287,11 @@ bool scene_trace(const Scene *s, const Point *from, Vec3 w, Point *hit)
     Hit h;
     ++*s->rays;
     if (!bvh_closest(s->bvh, &ray, &h)) return false;
-    /* The tree says which triangle; where on it is computed anew in double [Moeller and Trumbore], kept inside the triangle. */
+    /* The tree says which triangle; where on it is computed anew in double [Moeller and Trumbore], kept inside the triangle: seen from the point itself, for
+     * the direction between two points that are near each other, as in a pane, is to be w. */
     Vec3 c[3];
     corners(&s->mesh, h.triangle, c);
-    Vec3 e1 = sub(c[1], c[0]), e2 = sub(c[2], c[0]), q = cross(w, e2), o = sub(ray.origin, c[0]);
+    Vec3 e1 = sub(c[1], c[0]), e2 = sub(c[2], c[0]), q = cross(w, e2), o = sub(from->p, c[0]);
     double det = dot(e1, q), inv = 1 / det, u = h.u, v = h.v;
     if (isfinite(inv)) {
         u = dot(o, q) * inv;

@@ -61,7 +61,7 @@ static bool fly(const Scene *scene, const Mode mode[], Vertex *v, int d, Vec3 w,
         travel(&f->change, neg(v[i].to_lens), distance, v[i].point.surface.ng);
         scatter(&f->change, scene, &v[i].point, v[i].to_lens, v[i].mode);
     }
-    Vec3 from = scene_leave(&v[1].point, f->w), ng = target->surface.ng;
+    Vec3 from = v[1].point.p, ng = target->surface.ng;
     double distance = dot(sub(target->p, from), ng) / dot(f->w, ng);
     if (!(distance > 0 && distance < INFINITY)) return false;
     f->arrival = along(from, distance, f->w);

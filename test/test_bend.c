@@ -168,6 +168,43 @@ static void test_points(const Scene *scene, const char *file, int n)
     CHECK(full < CHANCE);
 }
 
+/* A path through a thin pane is the same whichever end it was traced from: where two points are so near each other, the direction between them must not be
+ * lost in what keeps rays off surfaces. Else a way found from the lamp is none that bent walks know, and both count in full. */
+static void test_pane(void)
+{
+    Scene scene;
+    folder_write_text("pane.obj", "mtllib bend.mtl\nv -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nv -1 0.001 -1\nv 1 0.001 -1\nv 1 0.001 1\nv -1 0.001 1\nv -1 -1 -1\nv 1 -1 -1\n"
+                                  "v 1 -1 1\nv -1 -1 1\nv -.1 1 -.1\nv .1 1 -.1\nv .1 1 .1\nv -.1 1 .1\nusemtl water\nf 1 2 3 4\nf 8 7 6 5\nusemtl floor\nf 12 11 10 9\nusemtl lamp\nf 13 14 15 16\n");
+    if (!load(&scene, folder_path("pane.obj"))) return;
+    Rng rng = rng_new(seed, 2);
+    double worst = 0;
+    int n = 0, through = 0;
+    for (int i = 0; i < 4000; i++) {
+        Vertex v[4];
+        Mode mode[3] = { MODE_NONE, MODE_REFRACT, MODE_REFRACT };
+        const double u[3] = { rng_double(&rng), rng_double(&rng), rng_double(&rng) };
+        scene_sample_light(&scene, u, &v[0].point);
+        v[0].mode = v[3].mode = MODE_NONE;
+        Vec3 w = sample_cosine(v[0].point.surface.ng, &rng);
+        bool found = true;
+        for (int j = 0; j < 3 && found; j++) {
+            v[j].mode = mode[j];
+            found = (j == 0 || bsdf_follow(&v[j].point.surface, neg(v[j - 1].to_lens), v[j].mode, &w)) && scene_trace(&scene, &v[j].point, w, &v[j + 1].point);
+            v[j].to_lens = normalize(sub(v[j + 1].point.p, v[j].point.p));
+        }
+        if (!found || !material_is_specular(v[1].point.surface.material) || !material_is_specular(v[2].point.surface.material)) continue;
+        for (int j = 2; j > 0; j--) {
+            CHECK(bsdf_follow(&v[j].point.surface, v[j].to_lens, v[j].mode, &w));
+            worst = fmax(worst, length(add(w, v[j - 1].to_lens)));
+        }
+        n++;
+        through += specular_way(&scene, v, 3).through;
+    }
+    printf("thin pane: %d ways from a lamp, %d of them found from the straight line back to it; directions off by %.2g\n", n, through, worst);
+    CHECK(n > 500 && through > 0.999 * n && worst < 1e-9);
+    scene_free(&scene);
+}
+
 int main(int argc, char **argv)
 {
     if (argc > 1) factor = atof(argv[1]);
@@ -180,5 +217,6 @@ int main(int argc, char **argv)
         test_points(&scene, i == 0 ? "water" : file[i], (int)(3000 * factor));
         scene_free(&scene);
     }
+    test_pane();
     return check_report();
 }
