@@ -86,7 +86,7 @@ static void join_bent(void *context, const Bent *bent)
     const Bending *of = context;
     Path *p = &of->bdpt->whole;
     int n_lens = of->n_lens + bent->d;
-    if (!bdpt_path(of->bdpt, of->space, 0, n_lens, p) || luminance(p->colour) == 0) return;
+    if (!bdpt_path(of->bdpt, space_divided(of->space), 0, n_lens, p) || luminance(p->colour) == 0) return;
     double sum = path_bidirectional_value(of->space, p) / luminance(p->colour), weight = of->space->film ? (double)of->space->film[p->pixel].weight : 1;
     Candidate c = { .n_lens = n_lens, .pixel = p->pixel, .rgb = scale(bent->times * sum, p->colour), .value = p->value, .share = p->share, .reach = path_reach(p) };
     c.weight = c.share * luminance(c.rgb) * weight;
@@ -237,7 +237,7 @@ static bool join(Bdpt *b, const Space *space, int n_light, int n_lens, Candidate
     if (!(c->share > 0) || (space->part == REST && c->reach == REACH_UNJOINED)) return false;
     if (n_light > 0 && !scene_visible(space->scene, &b->light.v[n_light - 1].point, &lens->point)) return false;
     if (!direct && specular_at_light(b, n_light, n_lens) && space_bends(space, c->reach == REACH_INDIRECT)) {
-        if (!bdpt_path(b, space, n_light, n_lens, &b->whole)) return false;
+        if (!bdpt_path(b, space_divided(space), n_light, n_lens, &b->whole)) return false;
         total = luminance(b->whole.colour) / path_bidirectional_value(space, &b->whole);
         c->value = b->whole.value;
         c->share = b->whole.share;

@@ -14,8 +14,13 @@ static void add_found(void *context, const Candidate *c)
 static void sample(const Bootstrap *s, const Space *space, Bdpt *bdpt, uint64_t i, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
 {
     const Camera *camera = &space->scene->camera;
+    Space own = *space;
+    if (s->bent > space->bent) {
+        own.bent = s->bent;
+        own.divided = space;
+    }
     *rng = rng_new(s->seed, s->stream + i);
-    bdpt_sample(bdpt, space, even(s->offset_x, i, 0) * camera->width, even(s->offset_y, i, 1) * camera->height, rng, visit, context);
+    bdpt_sample(bdpt, &own, even(s->offset_x, i, 0) * camera->width, even(s->offset_y, i, 1) * camera->height, rng, visit, context);
 }
 
 bool bootstrap_new(Bootstrap *s, uint64_t n, uint64_t seed, uint64_t stream)

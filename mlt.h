@@ -17,6 +17,7 @@ typedef struct {
     double b, b_variance;      /* integral of f* over path space, and the variance of that estimate */
     uint64_t hits;             /* samples with W_i > 0 */
     double offset_x, offset_y; /* of the stratified raster positions */
+    BentWalks bent;            /* which walks samples bend, if more than the space does; to be set after bootstrap_new */
     uint64_t bad;              /* samples that were not finite: dropped and reported */
     struct { uint64_t hits; double weight, square; } found[CLASSES];   /* by class of path: the samples that found one, sums of their light and light^2:
                                   the luminance, as far as the space holds it, without the weight w of the two-stage target */

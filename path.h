@@ -72,7 +72,7 @@ typedef enum { WHOLE, CAPPED, REST } Part;
 typedef enum { BENT_NONE, BENT_UNJOINED, BENT_ALL, BENDINGS } BentWalks;
 
 /* The space that is integrated over. */
-typedef struct {
+typedef struct Space {
     const Scene *scene;
     int max_depth;                 /* longest path in edges */
     DirectClass direct;
@@ -81,7 +81,9 @@ typedef struct {
     double seen;                   /* REACH_SEEN has its threshold at so many times that of indirect light */
     BentWalks bent;
     bool bidirectional;            /* indirect light is capped by its value to a bidirectional path tracer; the path tracer has direct light alone then */
+    const struct Space *divided;   /* by whose values it is capped, where samples bend more walks than the values know of; NULL: by its own */
 } Space;
+static inline const Space *space_divided(const Space *space) { return space->divided ? space->divided : space; }
 
 /* Whether walks are bent of whose edges so far some, or none, could be joined. */
 static inline bool space_bends(const Space *space, bool joined) { return space->bent == BENT_ALL || (space->bent == BENT_UNJOINED && !joined); }

@@ -52,7 +52,7 @@ static void begin(Render *r)
     if (r->has_chain) {
         r->direct_space.direct = DIRECT_ONLY;
         if (s->direct == LIGHT_APART) r->chain_space.direct = r->joined_space.direct = DIRECT_EXCLUDED;
-        r->joined_space.bent = r->chain_space.bent = r->scene->has_specular ? BENT_ALL : BENT_NONE;
+        r->joined_space.bent = r->chain_space.bent = r->seeds_bent = r->scene->has_specular ? BENT_ALL : BENT_NONE;
     }
     r->pilot = r->has_chain;
     r->direct_share = 1;
@@ -245,6 +245,7 @@ static bool run_round(Render *r)
     double total = r->settings->per_pixel > 0 ? r->settings->per_pixel * (double)r->pixels : INFINITY;
     Bootstrap boot;
     if (!bootstrap_new(&boot, round->n_bootstrap, seed, stream)) return false;
+    boot.bent = r->seeds_bent;
     while (boot.done < boot.n) {
         bootstrap_sample(&boot, &r->chain_space, r->bdpt, SLICE);
         uint64_t drawn = *rays;
@@ -269,7 +270,8 @@ static bool run_round(Render *r)
     r->stats.seconds_start += seconds_start;
     if (boot.n > 0) r->samples_rate = (double)boot.n / fmax(1e-6, seconds_start);
     double offset = (double)(rng_new(seed, stream - 1).s[0] >> 11) * 0x1p-53, steps_before = round->steps;
-    while (round->chain < round->chains && going(r) && in_time(r, round->deadline) && r->steps_sum + round->steps < total) {
+    /* a first slice whatever the clock says: without there is no picture of what is left to chains */
+    while (round->chain < round->chains && going(r) && (round->steps == 0 || in_time(r, round->deadline)) && r->steps_sum + round->steps < total) {
         if (round->left == 0) {
             /* a chain's share of the steps, so that all together are exactly as planned */
             double c = round->chain;

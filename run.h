@@ -74,8 +74,12 @@ typedef struct {
     Moment moment[CUTS];
 } Capped;
 /* The same by bidirectional samples, path by path: the light that is left to the chains, of that the squares of what is met by chance alone (run_meet), how
- * many paths are above tau, and the second moment. */
-typedef struct { double n, indirect, left[CUTS], met[CUTS], above[CUTS]; Moment moment[CUTS]; } Told;
+ * many paths are above tau, and second moments. */
+typedef struct {
+    double n, indirect, left[CUTS], met[CUTS], above[CUTS];
+    Moment moment[CUTS];
+    Moment seeds[2][CUTS];         /* of what is left to the chains, to bidirectional samples whose walks are bent like the others; all */
+} Told;
 typedef struct { Capped capped[WAYS], direct; Told told[WAYS]; } Surveyed;
 
 struct Render {
@@ -85,7 +89,7 @@ struct Render {
     Space chain_space, direct_space, joined_space;   /* of the chains; of the path tracer; of the bidirectional path tracer */
     bool has_chain, has_direct;    /* any independent samples */
     bool bidirectional;            /* some of them are */
-    BentWalks bent;                /* which of their walks are */
+    BentWalks bent, seeds_bent;    /* which of their walks are, and of a bootstrap's */
     bool pilot;                    /* what is done now teaches, and is thrown away */
     Sampler sampler;
     Bdpt *bdpt;

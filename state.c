@@ -71,7 +71,7 @@ static uint64_t identity(const Scene *scene, const Settings *s)
     return h;
 }
 
-static const char MAGIC[] = "MLTRUNB\n";            /* the number changes with what is kept */
+static const char MAGIC[] = "MLTRUNC\n";            /* the number changes with what is kept */
 
 typedef struct {
     char magic[8];
@@ -149,6 +149,7 @@ static void pass_state(Stream *s, Render *r)
     pass(s, &divided, sizeof divided);
     pass(s, &r->bidirectional, sizeof r->bidirectional);
     pass(s, &r->bent, sizeof r->bent);
+    pass(s, &r->seeds_bent, sizeof r->seeds_bent);
     pass(s, &r->surveyed, sizeof r->surveyed);
     pass(s, &r->pilot, sizeof r->pilot);
     if (divided && !s->write) run_divide(r);

@@ -5,7 +5,8 @@ enum {
     FIRST_CUT = -8,                /* tau that are weighed: 2^-8 .. 2^9 times the picture's own value */
     SURE_CUTS = 14,                /* .. 2^5 whatever the survey has seen above them */
     LEAST_ABOVE = 32,              /* paths that it must have seen above a higher one */
-    SURVEY = 4000,                 /* samples for that, of each kind, at least */
+    SURVEY = 4000,                 /* samples for that, of each kind, at least, */
+    HASTY_SURVEY = 500,            /* but only so many if they take longer than SURVEY_TIME */
     DIRECT_MOST = 4,               /* times the picture's value: what a sample of direct light may count there */
     SEEN_MOST = 16,                /* times the picture's value: threshold of lamps seen by way of specular vertices */
     DIRECT_RAYS = 2,               /* of a sample of direct light alone */
@@ -19,6 +20,7 @@ static const double ALONE = 20, EVEN = 0.7;
 /* So few samples hardly see the tails of what is met by chance alone, and of what guesses find. By the walks that are bent, the error counts so many times. */
 static const double DOUBT[BENDINGS] = { 1.25, 1, 1.5 };
 static const double SURVEY_SHARE = 0.5, SURVEY_RAYS = 4e6;     /* of each kind such a share of the rays of the pilot's chains, up to so many */
+static const double SURVEY_TIME = 0.25;    /* of what is left of a run's time, for all kinds */
 
 /* What is capped is the path tracer's; or direct light is, and a bidirectional one has the rest of it. */
 void run_divide(Render *r)
@@ -56,7 +58,8 @@ typedef struct {
 static double tau_of(int i) { return ldexp(1, FIRST_CUT + i); }
 static double kept(double value, double tau) { return value > tau ? tau / value : 1; }
 
-static void tell(Told *told, Reach reach, double share, double value, double to_tau)
+/* 'seeds' are the path's values to the samples that seeds come from, of either kind. */
+static void tell(Told *told, Reach reach, double share, double value, const double seeds[2], double to_tau)
 {
     bool direct = reach_is_direct(reach);
     if (direct) value = fmin(value, DIRECT_MOST);
@@ -65,6 +68,7 @@ static void tell(Told *told, Reach reach, double share, double value, double to_
         double k = direct ? 1 : kept(to_tau * value, tau_of(i));
         told->left[i] += share * (1 - k);
         told->above[i] += k < 1;
+        for (int j = 0; j < 2 && reach == REACH_INDIRECT; j++) add_square(&told->seeds[j][i], share * (1 - k) * (1 - k) * seeds[j]);
         if (!isfinite(value)) continue;
         add_square(&told->moment[i], share * k * k * value);
         if (reach == REACH_UNJOINED) told->met[i] += share * (1 - k) * (1 - k) * value;
@@ -94,8 +98,10 @@ static void survey_candidate(void *context, const Candidate *c)
     if (!isfinite(light) || !values_of(s, c, picture, value)) return;
     if (s->way == teller(r)) {
         double share = direct ? fmin(light, DIRECT_MOST) : light;
-        for (Way way = TRACED; way < WAYS; way++)
-            if (!joins(way) || !direct) tell(&s->sum->told[way], c->reach, share, value[way], to_tau);
+        for (Way way = TRACED; way < WAYS; way++) {
+            const double seeds[2] = { value[JOINED + bends(way)], value[teller(r)] };
+            if (!joins(way) || !direct) tell(&s->sum->told[way], c->reach, share, value[way], seeds, to_tau);
+        }
     }
     if (direct) return;
     Capped *capped = &s->sum->capped[s->way];
@@ -137,8 +143,8 @@ static double variance(const Capped *c, int i, double square)
     return fmax(square - mean * mean, 0.02 * square);
 }
 
-/* Draws samples of one way, until there are enough and they have had so many rays. A second survey finds those of the first. */
-static void draw(Survey *s, Way way, double most)
+/* Draws samples of one way, until there are enough and they have had so many rays, or time is up. A second survey finds those of the first. */
+static void draw(Survey *s, Way way, double most, double until)
 {
     Render *r = s->render;
     const Camera *camera = &r->scene->camera;
@@ -148,6 +154,7 @@ static void draw(Survey *s, Way way, double most)
     double began = clock_now(), drawn = c->rays;
     if (c->n == 0) c->rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) - 1 - (uint64_t)way);
     for (s->way = way; c->n < SURVEY || c->rays < most; c->n++) {
+        if (c->n >= HASTY_SURVEY && clock_now() > until) break;
         if (joins(way)) bdpt_sample(r->bdpt, space, rng_double(&c->rng) * camera->width, rng_double(&c->rng) * camera->height, &c->rng, survey_candidate, s);
         else {
             const Numbers numbers = numbers_random(&c->rng);
@@ -177,6 +184,14 @@ static double way_seconds(const Surveyed *s, Way way)
     return c->seconds / c->n * (joins(way) ? 1 + DIRECT_RAYS * c->n / c->rays : 1);
 }
 
+/* Variance times rays of samples for the seeds of what is left to the chains at a tau. */
+static double of_seeds(const Surveyed *s, Way way, int i, BentWalks bent)
+{
+    const Told *told = &s->told[way];
+    const Capped *c = &s->capped[JOINED + bent];
+    return moment(&told->seeds[bent != bends(way)][i], told->n) * c->rays / c->n;
+}
+
 /* The share of the time that is left which two passes of samples take, of so many seconds each: less there cannot be. */
 static double least_share(const Render *r, double seconds)
 {
@@ -203,8 +218,9 @@ void run_survey(Render *r)
     s.whole[BENT_UNJOINED].bent = BENT_UNJOINED;
     s.whole[BENT_ALL].bent = BENT_ALL;
     double chain_rays = (double)(r->stats.chain_rays + r->stats.start_rays), best = INFINITY, scale = r->tau > 0 ? r->tau : 1;
+    double now = clock_now(), a_way = r->settings->seconds > 0 ? SURVEY_TIME * (r->settings->start + r->settings->seconds - now) / (r->scene->has_specular ? WAYS : 2) : INFINITY;
     for (Way way = TRACED; way < WAYS; way++)
-        if (!bends(way) || r->scene->has_specular) draw(&s, way, fmin(SURVEY_SHARE * chain_rays, SURVEY_RAYS));
+        if (!bends(way) || r->scene->has_specular) draw(&s, way, fmin(SURVEY_SHARE * chain_rays, SURVEY_RAYS), now += a_way);
     sum->direct.n = sum->capped[TRACED].n;
     for (Way way = TRACED; way < WAYS; way++) sum->told[way].n = sum->capped[teller(r)].n;
     /* A short pilot rather misses what is rare: its error is taken half as large again. */
@@ -223,13 +239,17 @@ void run_survey(Render *r)
             double left = told->left[i] / told->indirect;
             if ((i > 0 && !(left > 0)) || (i >= SURE_CUTS && told->above[i] < LEAST_ABOVE)) break;   /* so few samples cannot tell that nothing is left */
             double path = sqrt(way_variance(sum, way, i) * way_rays(sum, way)), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
-            double both = together(path, rest, least) * DOUBT[bends(way)];
+            /* the scale of all that chains bring is that of their seeds */
+            BentWalks from = !joins(way) && r->scene->has_specular && of_seeds(sum, way, i, BENT_ALL) < 0.8 * of_seeds(sum, way, i, bends(way)) ? BENT_ALL : bends(way);
+            double seeds = sqrt(of_seeds(sum, way, i, from) / (double)r->pixels);
+            double both = together(path, rest + seeds, least) * DOUBT[bends(way)];
             /* a higher cap has to promise something; where chains hardly matter, to cost nothing */
             if (both >= (path > ALONE * rest && way == chosen && i < SURE_CUTS ? 1.02 : 0.98) * best) continue;
             best = fmin(both, best);
             chosen = way;
             r->bidirectional = joins(way);
             r->bent = bends(way);
+            r->seeds_bent = from;
             r->tau = tau_of(i);
             r->left = left;
             r->direct_share = fmax(path / rest, least / (1 - least));
