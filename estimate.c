@@ -112,15 +112,16 @@ static double mean_difference(const Differences *d, double more, double elsewher
 }
 
 /* A pixel's samples fill it, and the lamps, evenly, and so err less than the variance of one of them says, V = a V(1) / n. By how much, the pixels
- * tell that have two sequences: their means differ by no more than both err. (One of all samples is a little more even than two of half as many; so much
- * the error is taken too large.) Measured over values that are fairly known already. Where they are bright it is other light than where they are dark, and
+ * tell that have two sequences: their means differ by no more than both err. One of all samples is more even than two of half as many: as n to some
+ * power, which is 1 for one sample. Measured over values that are fairly known already. Where they are bright it is other light than where they are dark, and
  * what edges and lamps there are differs over the film. */
 void run_evenness(Render *r)
 {
-    enum { MORE = 8, MORE_OF_KIND = 4, MORE_IN_TILE = 2 };       /* a few pixels cannot tell */
+    enum { MORE = 8, MORE_OF_KIND = 1, MORE_IN_TILE = 2 };       /* a few pixels cannot tell */
     Passes *p = &r->passes;
     Evenness *e = &p->evenness;
     Differences of_kind[BRIGHTNESSES] = { { 0 } }, of_tile[TILES_ACROSS * TILES_ACROSS] = { { 0 } }, of_all = { 0 };
+    double logs = 0;                           /* weighted as of_all: of the samples of one sequence */
     uint32_t width = r->scene->camera.width, height = r->scene->camera.height;
     size_t pixel = 0;
     e->mean = 0;
@@ -146,12 +147,18 @@ void run_evenness(Render *r)
                     if (in_tiles) add_difference(&of_tile[run_tile(r, x, y)], squared / e->kind[kind], sqrt(relative));
                     else {
                         add_difference(&of_all, squared, sqrt(relative));
+                        logs += sqrt(relative) * log(n_second);
                         add_difference(&of_kind[kind], squared, sqrt(relative));
                     }
                 }
             }
         if (in_tiles) for (uint32_t t = 0; t < run_tiles(r); t++) e->tile[t] = mean_difference(&of_tile[t], MORE_IN_TILE, 1);
         else for (int kind = 0; kind < BRIGHTNESSES; kind++) e->kind[kind] = mean_difference(&of_kind[kind], MORE_OF_KIND, mean_difference(&of_all, MORE, 1));
+    }
+    if (of_all.weight > 0) {
+        double halves = logs / of_all.weight, power = (halves + log(2)) / halves;
+        for (int kind = 0; kind < BRIGHTNESSES; kind++) e->kind[kind] = pow(e->kind[kind], power);
+        for (uint32_t t = 0; t < run_tiles(r); t++) e->tile[t] = pow(e->tile[t], power);
     }
 }
 
