@@ -270,7 +270,7 @@ static bool run_round(Render *r)
     r->stats.seconds_start += seconds_start;
     if (boot.n > 0) r->samples_rate = (double)boot.n / fmax(1e-6, seconds_start);
     double offset = (double)(rng_new(seed, stream - 1).s[0] >> 11) * 0x1p-53, steps_before = round->steps;
-    /* a first slice whatever the clock says: without there is no picture of what is left to chains */
+    /* the first slice is done whatever the clock says: without it there would be no picture of what is left to chains */
     while (round->chain < round->chains && going(r) && (round->steps == 0 || in_time(r, round->deadline)) && r->steps_sum + round->steps < total) {
         if (round->left == 0) {
             /* a chain's share of the steps, so that all together are exactly as planned */
