@@ -275,7 +275,8 @@ static void set_point(const Scene *s, uint32_t triangle, const Vec3 c[3], double
     }
 }
 
-Vec3 scene_leave(const Point *from, Vec3 w)
+/* Where a ray from there in direction w starts: off the surface, on the side of w. A point on the lens stays. */
+static Vec3 leave(const Point *from, Vec3 w)
 {
     if (from->triangle == BVH_NONE) return from->p;
     return along(from->p, copysign(rounding(from->p), dot(w, from->surface.ng)), from->surface.ng);
@@ -283,7 +284,7 @@ Vec3 scene_leave(const Point *from, Vec3 w)
 
 bool scene_trace(const Scene *s, const Point *from, Vec3 w, Point *hit)
 {
-    Ray ray = { scene_leave(from, w), w, INFINITY, { from->triangle, BVH_NONE } };
+    Ray ray = { leave(from, w), w, INFINITY, { from->triangle, BVH_NONE } };
     Hit h;
     ++*s->rays;
     if (!bvh_closest(s->bvh, &ray, &h)) return false;
@@ -305,8 +306,8 @@ bool scene_trace(const Scene *s, const Point *from, Vec3 w, Point *hit)
 
 bool scene_visible(const Scene *s, const Point *a, const Point *b)
 {
-    Vec3 d = sub(b->p, a->p), from = scene_leave(a, d);
-    Ray ray = { from, sub(scene_leave(b, neg(d)), from), 1, { a->triangle, b->triangle } };
+    Vec3 d = sub(b->p, a->p), from = leave(a, d);
+    Ray ray = { from, sub(leave(b, neg(d)), from), 1, { a->triangle, b->triangle } };
     ++*s->rays;
     return !bvh_any(s->bvh, &ray);
 }

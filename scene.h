@@ -76,11 +76,9 @@ void scene_free(Scene *scene);
 size_t scene_bytes(const Scene *scene);
 
 /* First surface met from a point in the unit direction w. The ray starts off the surface by a bound of the rounding errors, on the side of w,
- * and never meets the triangle it starts on; the hit is computed anew in double. */
+ * and never meets the triangle it starts on; the hit is computed anew in double, on the line through the point itself. */
 bool scene_trace(const Scene *scene, const Point *from, Vec3 w, Point *hit);
 
-/* Where a ray from there in direction w starts: off the surface, on the side of w. A point on the lens stays. */
-Vec3 scene_leave(const Point *from, Vec3 w);
 /* By how much the shading normal changes, to first order, if the point moves by d_p in the plane of its triangle. */
 Vec3 scene_normal_change(const Scene *scene, const Point *at, Vec3 d_p);
 
