@@ -68,7 +68,8 @@ static void tell(Told *told, Reach reach, double share, double value, const doub
         double k = direct ? 1 : kept(to_tau * value, tau_of(i));
         told->left[i] += share * (1 - k);
         told->above[i] += k < 1;
-        for (int j = 0; j < 2 && reach == REACH_INDIRECT; j++) add_square(&told->seeds[j][i], share * (1 - k) * (1 - k) * seeds[j]);
+        for (int j = 0; j < 2 && reach == REACH_INDIRECT; j++)
+            if (isfinite(seeds[j])) add_square(&told->seeds[j][i], share * (1 - k) * (1 - k) * seeds[j]);
         if (!isfinite(value)) continue;
         add_square(&told->moment[i], share * k * k * value);
         if (reach == REACH_UNJOINED) told->met[i] += share * (1 - k) * (1 - k) * value;
