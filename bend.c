@@ -5,7 +5,7 @@
 enum { MOST_GUESSES = 1 << 20 };               /* until a way is found again */
 
 /* What a way from v[d] carries to the direction 'known', all but 'times'. *searched is the chance with which it is followed up. False if it is nothing. */
-static bool carry(const Scene *scene, Vertex *v, int d, Vec3 known, Bent *out, double *searched)
+static bool carry_to_lamp(const Scene *scene, Vertex *v, int d, Vec3 known, Bent *out, double *searched)
 {
     const Material *lamp = v[0].point.surface.material;
     Scatter s;
@@ -33,8 +33,17 @@ double bend_share_left(const Scene *scene, Vertex *v, int edges)
     Bent bent;
     double searched;
     while (d < edges && v[d].mode != MODE_NONE) d++;
-    if (d >= edges || !specular_sought(&v[0].point, d) || !carry(scene, v, d, normalize(sub(v[d + 1].point.p, v[d].point.p)), &bent, &searched)) return 1;
+    if (d >= edges || !specular_sought(&v[0].point, d) || !carry_to_lamp(scene, v, d, normalize(sub(v[d + 1].point.p, v[d].point.p)), &bent, &searched)) return 1;
     return bent.chance_pdf_a / (bent.chance_pdf_a + bent.pdf_a);
+}
+
+/* A target is a point of a lamp, or of the lens, which is no surface: a line may go on behind it. */
+static bool is_lens(const Point *target) { return target->triangle == BVH_NONE; }
+/* Whether the line from a point in direction w to a hit (NULL: none) passes the plane of the lens from its front. */
+static bool passes_lens(const Point *lens, const Point *from, Vec3 w, const Point *hit)
+{
+    Vec3 ng = lens->surface.ng;
+    return dot(sub(from->p, lens->p), ng) > 0 && (hit ? dot(sub(hit->p, lens->p), ng) : dot(w, ng)) < 0;
 }
 
 /* The straight line from v to the target: sets mode[] and returns d, the edges of a way that refracts wherever the line passes a surface; 0 if there is no such. */
@@ -45,16 +54,17 @@ static int straight(const Scene *scene, const Point *from, const Point *target, 
     if (dot(w, target->surface.ng) >= 0) return 0;
     for (int n = 0; n <= MOST_SPECULAR; n++) {
         Point *hit = &at[(n + 1) % 2];
-        if (!scene_trace(scene, &at[n % 2], w, hit)) return 0;
-        if (hit->triangle == target->triangle) return n > 0 ? n + 1 : 0;
-        if (hit->surface.material->kind != MATERIAL_GLASS) return 0;
+        bool met = scene_trace(scene, &at[n % 2], w, hit);
+        if (is_lens(target) ? passes_lens(target, &at[n % 2], w, met ? hit : NULL) : met && hit->triangle == target->triangle) return n > 0 ? n + 1 : 0;
+        if (!met || hit->surface.material->kind != MATERIAL_GLASS) return 0;
         mode[n + 1] = MODE_REFRACT;
     }
     return 0;
 }
 
-/* A direction in which the surface scatters, and the modes of the specular vertices that a walk meets from there: the same of d. mode[d - 1] is the first. */
-static int guess(const Scene *scene, const Point *from, Vec3 known, Rng *rng, Vec3 *first, Mode mode[])
+/* A direction in which the surface scatters, and the modes of the specular vertices that a walk meets from there: the same of d. mode[d - 1] is the first.
+ * Where the walk passes the lens and more specular vertices follow behind it, it ends there or goes on, as likely. */
+static int guess(const Scene *scene, const Point *from, Vec3 known, const Point *target, Rng *rng, Vec3 *first, Mode mode[])
 {
     Mode drawn[MOST_SPECULAR], none;
     Point at[2] = { *from };
@@ -64,6 +74,7 @@ static int guess(const Scene *scene, const Point *from, Vec3 known, Rng *rng, Ve
     for (w = *first; ; n++) {
         Point *hit = &at[(n + 1) % 2];
         if (!scene_trace(scene, &at[n % 2], w, hit) || !material_is_specular(hit->surface.material)) break;
+        if (n > 0 && is_lens(target) && passes_lens(target, &at[n % 2], w, hit) && rng_double(rng) < 0.5) break;
         if (n == MOST_SPECULAR) return 0;
         Vec3 back = neg(w);
         if (!bsdf_sample(&hit->surface, back, rng, &w, &drawn[n])) return 0;
@@ -80,37 +91,123 @@ static bool same(const Vertex *a, const Vertex *b, int d)
     return true;
 }
 
-void bend_walk(const Scene *scene, Vertex *at, int most, Vec3 known, const double light[3], Rng *rng, void (*found)(void *, const Bent *), void *context)
+/* The ways to a target, each handed on if 'carry' says that it carries anything. */
+typedef bool Carry(const Scene *scene, Vertex *v, int d, Vec3 known, Bent *out, double *searched);
+static void bend(const Scene *scene, Vertex *at, int most, Vec3 known, const Point *target, Rng *rng, Carry *carry,
+                 void (*found)(void *, const Bent *), void *context)
 {
-    Point lamp;
     Vertex direct[MOST_SPECULAR + 2], again[MOST_SPECULAR + 2];     /* the way from the straight line; found again */
     Mode mode[MOST_SPECULAR + 2], other[MOST_SPECULAR + 2];
     Bent bent;
     Vec3 w;
     double searched;
-    scene_sample_light(scene, light, &lamp);
-    if (!specular_sought(&lamp, 2)) return;
-    int d_direct = straight(scene, &at->point, &lamp, mode);
+    int d_direct = straight(scene, &at->point, target, mode);
     if (d_direct > 0 && d_direct <= most) {
         Vertex *v = at - d_direct;
-        if (!specular_search(scene, mode, v, d_direct, normalize(sub(lamp.p, at->point.p)), &lamp)) d_direct = 0;
+        if (!specular_search(scene, mode, v, d_direct, normalize(sub(target->p, at->point.p)), target)) d_direct = 0;
         else {
             memcpy(direct, v, (size_t)d_direct * sizeof *v);
             if (carry(scene, v, d_direct, known, &bent, &searched)) found(context, &bent);
         }
     }
-    int d = guess(scene, &at->point, known, rng, &w, mode);
+    int d = guess(scene, &at->point, known, target, rng, &w, mode);
     if (d == 0 || d > most) return;
     Vertex *v = at - d;
-    if (!specular_search(scene, mode, v, d, w, &lamp) || (d_direct == d && same(direct, v, d))) return;
+    if (!specular_search(scene, mode, v, d, w, target) || (d_direct == d && same(direct, v, d))) return;
     if (!carry(scene, v, d, known, &bent, &searched) || rng_double(rng) >= searched) return;
     double guesses = 0;
     again[d].point = at->point;
     for (bool back = false; !back; ) {
         if (++guesses > MOST_GUESSES) { guesses = NAN; break; }    /* counted as a bad sample */
-        back = guess(scene, &at->point, known, rng, &w, other) == d && memcmp(other + 1, mode + 1, (size_t)(d - 1) * sizeof *mode) == 0
-            && specular_search(scene, mode, again, d, w, &lamp) && same(again, v, d);
+        back = guess(scene, &at->point, known, target, rng, &w, other) == d && memcmp(other + 1, mode + 1, (size_t)(d - 1) * sizeof *mode) == 0
+            && specular_search(scene, mode, again, d, w, target) && same(again, v, d);
     }
     bent.times *= guesses / searched;
     found(context, &bent);
+}
+
+void bend_walk(const Scene *scene, Vertex *at, int most, Vec3 known, const double light[3], Rng *rng, void (*found)(void *, const Bent *), void *context)
+{
+    Point lamp;
+    scene_sample_light(scene, light, &lamp);
+    if (specular_sought(&lamp, 2)) bend(scene, at, most, known, &lamp, rng, carry_to_lamp, found, context);
+}
+
+/* The same towards the lens: 'times' is all that is asked for. */
+static bool carry_to_lens(const Scene *scene, Vertex *v, int d, Vec3 known, Bent *out, double *searched)
+{
+    Scatter s;
+    double x, y, we, modes = 1;
+    for (int i = d - 1; i >= 0; i--) v[i].to_lens = normalize(sub(v[i + 1].point.p, v[i].point.p));
+    Vec3 w = neg(v[d - 1].to_lens);
+    if (!camera_project(&scene->camera, &v[0].point, v[0].to_lens, &x, &y, &we) || !bsdf_scatter(&v[d].point.surface, known, w, MODE_NONE, &s)) return false;
+    double pdf_w = s.inv_S_lens / s.inv_F * fabs(dot(w, v[d].point.surface.ng));
+    for (int i = d - 1; i > 0; i--) {
+        if (!bsdf_scatter(&v[i].point.surface, v[i].to_lens, neg(v[i - 1].to_lens), v[i].mode, &s)) return false;
+        modes *= s.q;
+    }
+    SpecularWay way = specular_way(scene, v, d);
+    SpecularChance chance = specular_chance(&way, pdf_w * modes);
+    *searched = chance.searched;
+    *out = (Bent){ .d = d, .times = chance.nominal };
+    return isfinite(way.spread);
+}
+
+/* A walk from a lamp that has arrived at v[m] of its path, way[d]. */
+typedef struct { const Space *space; Path *x; int m; const Vertex *at; void (*found)(void *, double); void *context; } FromLight;
+static void complete(void *context, const Bent *bent)
+{
+    const FromLight *f = context;
+    Path *x = f->x;
+    x->k = f->m + bent->d;
+    for (int i = 1; i <= bent->d; i++) {
+        x->v[f->m + i].point = f->at[-i].point;
+        x->v[f->m + i].mode = f->at[-i].mode;
+    }
+    x->v[f->m].mode = MODE_NONE;
+    if (path_evaluate(f->space, x)) f->found(f->context, bent->times);
+}
+
+void bend_from_light(const Space *space, Path *x, Rng *rng, void (*found)(void *, double), void *context)
+{
+    const Scene *scene = space->scene;
+    Vertex way[MOST_SPECULAR + 2], *at = way + MOST_SPECULAR + 1;
+    path_grow_to_lens(space, x, -1, rng);
+    for (int i = 0; i < space->max_depth - 2; i++) {
+        if (i > 0 && rng_double(rng) >= path_survival(&x->v[i].point)) return;
+        if (!path_grow_to_lens(space, x, i, rng)) return;
+        if (material_is_specular(x->v[i + 1].point.surface.material)) continue;
+        if (x->v[i].mode == MODE_NONE) return;             /* this edge could be joined */
+        Point lens;
+        FromLight from = { space, x, i + 1, at, found, context };
+        int most = space->max_depth - from.m;
+        at->point = x->v[i + 1].point;
+        camera_sample_lens(&scene->camera, rng, &lens);
+        bend(scene, at, most < MOST_SPECULAR + 1 ? most : MOST_SPECULAR + 1, neg(x->v[i].to_lens), &lens, rng, carry_to_lens, complete, &from);
+    }
+}
+
+double bend_density(const Space *space, const Path *x)
+{
+    int m = x->k - 1, d;
+    while (m > 0 && path_specular(x, m)) m--;
+    d = x->k - m;
+    if (d < 2 || d - 1 > MOST_SPECULAR) return 0;
+    Vertex way[MOST_SPECULAR + 2];
+    for (int j = 0; j <= d; j++) {
+        way[j].point = x->v[x->k - j].point;
+        way[j].mode = x->v[x->k - j].mode;
+        if (j < d) way[j].to_lens = neg(x->v[x->k - j - 1].to_lens);
+    }
+    SpecularWay to_lens = specular_way(space->scene, way, d);
+    const Scatter *s = &x->v[m].s;
+    double cosine = fabs(dot(x->v[m].to_lens, x->v[m].point.surface.ng)), pdf_w = s->inv_S_lens / s->inv_F * cosine, modes = 1;
+    double density = s->inv_F * x->v[x->k].s.inv_F / (cosine * to_lens.spread);
+    for (int i = -1; i < m; i++) density *= path_inv_S_lens(x, i);
+    for (int i = 1; i < m; i++) density *= path_survival(&x->v[i].point);
+    for (int i = m + 1; i < x->k; i++) {
+        density *= x->v[i].s.inv_S_lens / x->v[i].s.q;
+        modes *= x->v[i].s.q;
+    }
+    return density * specular_chance(&to_lens, pdf_w * modes).nominal;
 }

@@ -1,7 +1,7 @@
 /* Walks from the lens that are bent to meet a lamp through specular vertices: what light sampling is where nothing is between, for all that is lit through
- * glass or water or by mirrors, L S+ D. [Hanika, Droske, Fascione 2015: manifold next event estimation; Zeltner, Georgiev, Jakob 2020: specular manifold sampling]
+ * glass or water or by mirrors, L S+ D. And walks from a lamp that are bent to meet the lens, for what is seen so and can be joined nowhere, L S+ D S+ E. [Hanika, Droske, Fascione 2015: manifold next event estimation; Zeltner, Georgiev, Jakob 2020: specular manifold sampling]
  *
- * To a point of a lamp there may be several ways. One is searched for from the straight line to it (if that passes through refracting surfaces alone),
+ * To a point of a lamp, or of the lens, there may be several ways. One is searched for from the straight line to it (if that passes through refracting surfaces alone),
  * another from where the surface happens to scatter. How often the latter leads to the way that was found, p, has no formula; but if guesses are drawn
  * until one leads there again, their number is 1/p on average, and that is all that is needed. Knows no pixels. */
 #ifndef BEND_H
@@ -24,4 +24,11 @@ void bend_walk(const Scene *scene, Vertex *at, int most, Vec3 known, const doubl
 /* What the balance heuristic leaves to a walk of so many edges that has met the lamp at v[0] by chance, v[1] being specular, if it could have been bent
  * instead. */
 double bend_share_left(const Scene *scene, Vertex *v, int edges);
+
+/* A walk from a lamp; wherever it meets what is not specular it is bent to a point of the lens, so long as none of its edges could be joined. Each path that it
+ * makes is left in 'x', evaluated; f over its density (bend_density) counts so many times. */
+void bend_from_light(const Space *space, Path *x, Rng *rng, void (*found)(void *context, double times), void *context);
+
+/* Density over f of making such a path, nominally, which has been evaluated and is REACH_UNJOINED; 0 where none would. */
+double bend_density(const Space *space, const Path *x);
 #endif

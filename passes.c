@@ -115,6 +115,7 @@ bool run_sample_row(Render *r)
         double often = p->settled ? (double)p->often[pixel] : 1;
         for (uint64_t i = run_samples(p, pixel, row, pass); i < end; i++)
             if (!sample_pixel(r, column, row, i, often, &rng)) return false;
+        if (r->catches && (p->rows * width + column) % RUN_CATCH_STRIDE == 0) run_catch(r, &rng);
     }
     p->rows++;
     p->count[row]++;

@@ -90,6 +90,7 @@ struct Render {
     bool has_chain, has_direct;    /* any independent samples */
     bool bidirectional;            /* some of them are */
     BentWalks bent, seeds_bent;    /* which of their walks are, and of a bootstrap's */
+    bool catches;                  /* what can be joined nowhere is looked for by walks from the light, too */
     bool pilot;                    /* what is done now teaches, and is thrown away */
     Sampler sampler;
     Bdpt *bdpt;
@@ -166,6 +167,9 @@ static inline double run_most_share(const Render *render) { return render->setti
 void run_divide(Render *render);
 /* Of an indirect path that an independent sample is visiting, and that is not wholly the samples' own; it counts 'scale' times. */
 void run_meet(Render *render, const Candidate *candidate, double scale, Rng *rng);
+/* A walk from the light in search of more of those (bend_from_light): one pixel of RUN_CATCH_STRIDE has one in a pass, where Render.catches. */
+enum { RUN_CATCH_STRIDE = 4 };
+void run_catch(Render *render, Rng *rng);
 /* After each sample: what it has met belongs together. */
 void run_end_sample(Render *render);
 /* b of what was met, *variance its variance; 0 where nothing was. */

@@ -7,6 +7,7 @@
  * bidirectional and no bootstrap was asked for. Each round has its own, so that the spread between rounds still tells the error.
  */
 #include "run.h"
+#include "bend.h"
 #include <math.h>
 
 static bool wanted(const Render *r, const Candidate *c)
@@ -22,21 +23,57 @@ static bool evaluate(const Render *r, const Candidate *c)
     return found && r->x->chi > 0;
 }
 
-/* Draws with replacement: each seed gives way to the new path with the chance of its weight among all so far. What is not replaced is skipped over. */
-void run_meet(Render *r, const Candidate *c, double scale, Rng *rng)
+/* Draws with replacement: each seed gives way to the new path with the chance of its weight among all so far. What is not replaced is skipped over. The path
+ * is a candidate's that is being visited; if that is NULL, Render.x. */
+static void keep(Render *r, const Candidate *c, double light, double weight, PathClass class, Rng *rng)
 {
     Met *m = &r->met;
-    double light = scale * luminance(c->rgb) * (1 - c->share), weight = light * (double)r->film[c->pixel].weight;
-    if (!wanted(r, c) || !(weight > 0)) return;
-    if (!isfinite(weight)) { r->stats.bad_samples++; return; }
-    if (m->sum == 0 && !evaluate(r, c)) return;        /* rounding at the threshold, or the film's edge: no seed to begin with */
+    if (m->sum == 0 && c && !evaluate(r, c)) return;   /* rounding at the threshold, or the film's edge: no seed to begin with */
     m->sum += weight;
     m->now += weight;
-    m->found[c->reach == REACH_UNJOINED ? CLASS_CAUSTIC_SEEN : bdpt_class(r->bdpt, c)].now += light;
+    m->found[class].now += light;
     double log_kept = log1p(-weight / m->sum);
     for (double i = floor(log(1 - rng_double(rng)) / log_kept); i < SEEDS; i += 1 + floor(log(1 - rng_double(rng)) / log_kept)) {
-        if (evaluate(r, c)) path_copy(&m->seed[(int)i], r->x);
+        if (!c || evaluate(r, c)) path_copy(&m->seed[(int)i], r->x);
     }
+}
+
+/* Density of a path in Render.x by walks from the light, of which one pixel of so many has one, over that by the samples of the picture. */
+static double caught(const Render *r)
+{
+    return bend_density(&r->chain_space, r->x) * r->x->value / luminance(r->x->colour) / RUN_CATCH_STRIDE;
+}
+
+void run_meet(Render *r, const Candidate *c, double scale, Rng *rng)
+{
+    if (!wanted(r, c)) return;
+    bool unjoined = c->reach == REACH_UNJOINED;
+    if (unjoined && r->catches) {
+        if (!evaluate(r, c)) return;
+        scale /= 1 + caught(r);
+    }
+    double light = scale * luminance(c->rgb) * (1 - c->share), weight = light * (double)r->film[c->pixel].weight;
+    if (isfinite(weight) && weight > 0) keep(r, c, light, weight, unjoined ? CLASS_CAUSTIC_SEEN : bdpt_class(r->bdpt, c), rng);
+    else if (weight != 0) r->stats.bad_samples++;
+}
+
+typedef struct { Render *render; Rng *rng; } Catch;
+static void meet_caught(void *context, double times)
+{
+    const Catch *c = context;
+    Render *r = c->render;
+    const Path *x = r->x;
+    if (path_reach(x) != REACH_UNJOINED || !(x->chi > 0)) return;
+    double light = times * x->share * x->value / (1 + caught(r)), weight = light * (double)r->film[x->pixel].weight;
+    if (isfinite(weight)) keep(r, NULL, light, weight, CLASS_CAUSTIC_SEEN, c->rng);
+    else r->stats.bad_samples++;
+}
+
+void run_catch(Render *r, Rng *rng)
+{
+    Catch c = { r, rng };
+    bend_from_light(&r->chain_space, r->x, rng, meet_caught, &c);
+    run_end_sample(r);
 }
 
 void run_end_sample(Render *r)

@@ -123,6 +123,10 @@ bool specular_search(const Scene *scene, const Mode mode[], Vertex *v, int d, Ve
             double distance = length(off);
             if (distance < THERE) {
                 v[0].mode = MODE_NONE;
+                if (target->triangle == BVH_NONE) {        /* of the lens */
+                    v[0].point = *target;
+                    return scene_visible(scene, &v[1].point, target);
+                }
                 return scene_trace(scene, &v[1].point, f.w, &v[0].point) && v[0].point.triangle == target->triangle;
             }
             if (distance < nearest) {

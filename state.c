@@ -150,6 +150,7 @@ static void pass_state(Stream *s, Render *r)
     pass(s, &r->bidirectional, sizeof r->bidirectional);
     pass(s, &r->bent, sizeof r->bent);
     pass(s, &r->seeds_bent, sizeof r->seeds_bent);
+    pass(s, &r->catches, sizeof r->catches);
     pass(s, &r->surveyed, sizeof r->surveyed);
     pass(s, &r->pilot, sizeof r->pilot);
     if (divided && !s->write) run_divide(r);

@@ -251,6 +251,7 @@ void run_survey(Render *r)
             r->bidirectional = joins(way);
             r->bent = bends(way);
             r->seeds_bent = from;
+            r->catches = told->met[i] > 0;
             r->tau = tau_of(i);
             r->left = left;
             r->direct_share = fmax(path / rest, least / (1 - least));
