@@ -7,6 +7,8 @@
  */
 #include "bsdf.h"
 
+static const double NOTHING = 1e-100;          /* f far out in a lobe: inverses, and products of a few, stay finite */
+
 static double side(Vec3 w, const Surface *s, double *cos_s)
 {
     double cos_g = dot(w, s->ng);
@@ -50,7 +52,7 @@ static bool scatter_diffuse(const Surface *s, double light_g, double light_s, do
         f = along(f, (n + 2) * lobe, m->ks);
     }
     double largest = max3(f);
-    if (!(largest > 0)) return false;
+    if (!(largest > NOTHING)) return false;
     double inv_light_g = 1 / fabs(light_g);
     double F = largest * fabs(light_s) * inv_light_g;
     out->inv_F = 1 / F;
