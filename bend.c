@@ -9,7 +9,7 @@ static bool carry_to_lamp(const Scene *scene, Vertex *v, int d, Vec3 known, Bent
 {
     const Material *lamp = v[0].point.surface.material;
     Scatter s;
-    double modes = 1;
+    double modes = 1, guessed = 1;
     for (int i = d - 1; i >= 0; i--) v[i].to_lens = normalize(sub(v[i + 1].point.p, v[i].point.p));
     Vec3 w = neg(v[d - 1].to_lens);
     if (!material_emits(lamp) || dot(v[0].to_lens, v[0].point.surface.ng) <= 0 || !bsdf_scatter(&v[d].point.surface, w, known, MODE_NONE, &s)) return false;
@@ -19,9 +19,10 @@ static bool carry_to_lamp(const Scene *scene, Vertex *v, int d, Vec3 known, Bent
         if (!bsdf_scatter(&v[i].point.surface, neg(v[i - 1].to_lens), v[i].to_lens, v[i].mode, &s)) return false;
         rgb = mul(rgb, scale(s.q / s.inv_S_light, s.colour));
         modes *= s.q;
+        guessed *= specular_guess_q(s.q);
     }
     SpecularWay way = specular_way(scene, v, d);
-    SpecularChance chance = specular_chance(&way, pdf_w * modes);
+    SpecularChance chance = specular_chance(&way, pdf_w * guessed);
     *searched = chance.searched;
     *out = (Bent){ d, scale(way.spread, rgb), pdf_w * modes * way.spread, chance.nominal * scene_light_pdf_a(scene, lamp), chance.nominal };
     return isfinite(way.spread);
@@ -76,8 +77,13 @@ static int guess(const Scene *scene, const Point *from, Vec3 known, const Point 
         if (!scene_trace(scene, &at[n % 2], w, hit) || !material_is_specular(hit->surface.material)) break;
         if (n > 0 && is_lens(target) && passes_lens(target, &at[n % 2], w, hit) && rng_double(rng) < 0.5) break;
         if (n == MOST_SPECULAR) return 0;
-        Vec3 back = neg(w);
+        Vec3 back = neg(w), other_w;
         if (!bsdf_sample(&hit->surface, back, rng, &w, &drawn[n])) return 0;
+        Mode other = drawn[n] == MODE_REFLECT ? MODE_REFRACT : MODE_REFLECT;
+        if (rng_double(rng) < SPECULAR_EITHER / 2 && bsdf_follow(&hit->surface, back, other, &other_w)) {
+            w = other_w;
+            drawn[n] = other;
+        }
     }
     for (int i = 0; i < n; i++) mode[n - i] = drawn[i];
     return n > 0 ? n + 1 : 0;
@@ -137,17 +143,17 @@ void bend_walk(const Scene *scene, Vertex *at, int most, Vec3 known, const doubl
 static bool carry_to_lens(const Scene *scene, Vertex *v, int d, Vec3 known, Bent *out, double *searched)
 {
     Scatter s;
-    double x, y, we, modes = 1;
+    double x, y, we, guessed = 1;
     for (int i = d - 1; i >= 0; i--) v[i].to_lens = normalize(sub(v[i + 1].point.p, v[i].point.p));
     Vec3 w = neg(v[d - 1].to_lens);
     if (!camera_project(&scene->camera, &v[0].point, v[0].to_lens, &x, &y, &we) || !bsdf_scatter(&v[d].point.surface, known, w, MODE_NONE, &s)) return false;
     double pdf_w = s.inv_S_lens / s.inv_F * fabs(dot(w, v[d].point.surface.ng));
     for (int i = d - 1; i > 0; i--) {
         if (!bsdf_scatter(&v[i].point.surface, v[i].to_lens, neg(v[i - 1].to_lens), v[i].mode, &s)) return false;
-        modes *= s.q;
+        guessed *= specular_guess_q(s.q);
     }
     SpecularWay way = specular_way(scene, v, d);
-    SpecularChance chance = specular_chance(&way, pdf_w * modes);
+    SpecularChance chance = specular_chance(&way, pdf_w * guessed);
     *searched = chance.searched;
     *out = (Bent){ .d = d, .times = chance.nominal };
     return isfinite(way.spread);
@@ -201,13 +207,13 @@ double bend_density(const Space *space, const Path *x)
     }
     SpecularWay to_lens = specular_way(space->scene, way, d);
     const Scatter *s = &x->v[m].s;
-    double cosine = fabs(dot(x->v[m].to_lens, x->v[m].point.surface.ng)), pdf_w = s->inv_S_lens / s->inv_F * cosine, modes = 1;
+    double cosine = fabs(dot(x->v[m].to_lens, x->v[m].point.surface.ng)), pdf_w = s->inv_S_lens / s->inv_F * cosine, guessed = 1;
     double density = s->inv_F * x->v[x->k].s.inv_F / (cosine * to_lens.spread);
     for (int i = -1; i < m; i++) density *= path_inv_S_lens(x, i);
     for (int i = 1; i < m; i++) density *= path_survival(&x->v[i].point);
     for (int i = m + 1; i < x->k; i++) {
         density *= x->v[i].s.inv_S_lens / x->v[i].s.q;
-        modes *= x->v[i].s.q;
+        guessed *= specular_guess_q(x->v[i].s.q);
     }
-    return density * specular_chance(&to_lens, pdf_w * modes).nominal;
+    return density * specular_chance(&to_lens, pdf_w * guessed).nominal;
 }

@@ -123,12 +123,12 @@ static double bent(const Scene *scene, Path *p, int d)
 {
     const Vertex *v = &p->v[d];
     SpecularWay way = way_to(scene, p, d);
-    double inverse = p->light_pdf_a * p->v[0].s.inv_F * v->s.inv_F / (fabs(dot(v[-1].to_lens, v->point.surface.ng)) * way.spread), modes = 1;
+    double inverse = p->light_pdf_a * p->v[0].s.inv_F * v->s.inv_F / (fabs(dot(v[-1].to_lens, v->point.surface.ng)) * way.spread), guessed = 1;
     for (int i = 1; i < d; i++) {
         inverse *= p->v[i].s.inv_S_light / p->v[i].s.q;
-        modes *= p->v[i].s.q;
+        guessed *= specular_guess_q(p->v[i].s.q);
     }
-    return inverse * specular_chance(&way, v->s.inv_S_light / v->s.inv_F * fabs(dot(v[-1].to_lens, v->point.surface.ng)) * modes).nominal;
+    return inverse * specular_chance(&way, v->s.inv_S_light / v->s.inv_F * fabs(dot(v[-1].to_lens, v->point.surface.ng)) * guessed).nominal;
 }
 
 static double traced_value(const Space *space, Path *p, Reach reach)

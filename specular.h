@@ -11,11 +11,15 @@ enum { MOST_SPECULAR = 8 };        /* vertices of a chain */
 /* Of v[d] .. v[0], whose edges have been computed (path_edge). */
 SpecularWay specular_way(const Scene *scene, const Vertex *v, int d);
 
+static const double SPECULAR_EITHER = 0.25;
+
 /* How likely a bent walk (bend.h) finds such a way, pdf_w being the density per solid angle with which a first guess takes its direction and modes. */
 typedef struct {
     double searched;               /* a chance with which what was found by chance may be followed up, so that the work is bounded */
     double nominal;                /* an estimate of the chance that it is found, and followed up; what multiple importance sampling goes by */
 } SpecularChance;
+/* A guess (bend.h) takes a mode of glass that the surface has a chance q of rather more evenly. */
+static inline double specular_guess_q(double q) { return q < 1 ? (1 - SPECULAR_EITHER) * q + SPECULAR_EITHER / 2 : 1; }
 static inline SpecularChance specular_chance(const SpecularWay *way, double pdf_w)
 {
     static const double OFTEN = 4;
