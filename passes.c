@@ -86,7 +86,7 @@ static bool sample_pixel(Render *r, uint32_t column, uint32_t row, uint64_t i, d
     uint64_t rays = *r->scene->rays;
     double x = column + even_ones.u[0], y = row + even_ones.u[1];
     Splat s = { .r = r, .rng = rng, .often = often };
-    if (r->settings->integrator != INTEGRATOR_BDPT)
+    if (r->settings->integrator != INTEGRATOR_BDPT && !(r->bidirectional && r->direct_joined))
         s.own = path_trace(&r->direct_space, column, row, &even_ones.named, rng, r->trail, visit_traced, &s);
     if (run_on_whole(r) && rng_index(rng, JOINED_STRIDE) == 0) sample_joined(r, x, y, pixel, rng);
     if (r->bidirectional) bdpt_sample(r->bdpt, &r->joined_space, x, y, rng, splat_candidate, &s);

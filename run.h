@@ -80,7 +80,8 @@ typedef struct {
     Moment moment[CUTS];
     Moment seeds[2][CUTS];         /* of what is left to the chains, to bidirectional samples whose walks are bent like the others; all */
 } Told;
-typedef struct { Capped capped[WAYS], direct; Told told[WAYS]; } Surveyed;
+/* 'direct' is of a path tracer's direct light alone, 'joined' of bidirectional samples that have it too. */
+typedef struct { Capped capped[WAYS], direct, joined; Told told[WAYS]; } Surveyed;
 
 struct Render {
     const Scene *scene;
@@ -89,6 +90,7 @@ struct Render {
     Space chain_space, direct_space, joined_space;   /* of the chains; of the path tracer; of the bidirectional path tracer */
     bool has_chain, has_direct;    /* any independent samples */
     bool bidirectional;            /* some of them are */
+    bool direct_joined;            /* and have direct light, too, which else is the path tracer's */
     BentWalks bent, seeds_bent;    /* which of their walks are, and of a bootstrap's */
     bool catches;                  /* what can be joined nowhere is looked for by walks from the light, too */
     bool pilot;                    /* what is done now teaches, and is thrown away */

@@ -148,6 +148,7 @@ static void pass_state(Stream *s, Render *r)
     pass(s, r->tile, sizeof r->tile);
     pass(s, &divided, sizeof divided);
     pass(s, &r->bidirectional, sizeof r->bidirectional);
+    pass(s, &r->direct_joined, sizeof r->direct_joined);
     pass(s, &r->bent, sizeof r->bent);
     pass(s, &r->seeds_bent, sizeof r->seeds_bent);
     pass(s, &r->catches, sizeof r->catches);

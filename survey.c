@@ -31,7 +31,7 @@ void run_divide(Render *r)
     r->direct_space.bidirectional = r->chain_space.bidirectional = r->bidirectional;
     r->direct_space.bent = r->chain_space.bent = r->bent;
     r->joined_space = r->direct_space;
-    r->joined_space.direct = DIRECT_EXCLUDED;
+    r->joined_space.direct = r->bidirectional && r->direct_joined ? DIRECT_INCLUDED : DIRECT_EXCLUDED;
     r->chain_space.part = REST;
 }
 
@@ -104,12 +104,14 @@ static void survey_candidate(void *context, const Candidate *c)
             if (!joins(way) || !direct) tell(&s->sum->told[way], c->reach, share, value[way], seeds, to_tau);
         }
     }
-    if (direct) return;
-    Capped *capped = &s->sum->capped[s->way];
     for (int i = 0; i < CUTS; i++) {
-        double k = kept(to_tau * value[s->way], tau_of(i));
-        if (c->n_lens > 1) capped->own[i] += k * light;
-        else add_square(&capped->moment[i], k * light * k * light);
+        double kept_light = direct ? fmin(light, DIRECT_MOST) : kept(to_tau * value[s->way], tau_of(i)) * light;
+        for (int with = direct; with < 2; with++) {
+            Capped *capped = with ? &s->sum->joined : &s->sum->capped[s->way];
+            if (with && s->way != JOINED) continue;
+            if (c->n_lens > 1) capped->own[i] += kept_light;
+            else add_square(&capped->moment[i], kept_light * kept_light);
+        }
     }
 }
 
@@ -163,22 +165,27 @@ static void draw(Survey *s, Way way, double most, double until)
         }
         end_sample(c);
         if (way == TRACED) end_sample(&s->sum->direct);
+        if (way == JOINED) end_sample(&s->sum->joined);
         c->rays = drawn + (double)(*rays - before);
     }
     c->seconds += clock_now() - began;
 }
 
-/* Of one sample. */
-static double way_variance(const Surveyed *s, Way way, int i)
+/* Of one sample, times its rays. A bidirectional one has a path tracer's of direct light beside it, unless it has better all light itself. */
+static double way_cost(const Surveyed *s, Way way, int i, bool may_join, bool *direct_joined)
 {
     const Capped *c = &s->capped[way];
     const Told *told = &s->told[way];
     double by_capped = variance(c, i, fmax(moment(&c->moment[i], c->n), moment(&told->moment[i], told->n))) + told->met[i] / (told->n * SPREAD_OVER);
-    return joins(way) ? by_capped + variance(&s->direct, i, moment(&s->direct.moment[i], s->direct.n)) : by_capped;
+    double rays = c->rays / c->n;
+    *direct_joined = false;
+    if (!joins(way)) return by_capped * rays;
+    double apart = (by_capped + EVEN * variance(&s->direct, i, moment(&s->direct.moment[i], s->direct.n))) * (rays + DIRECT_RAYS);
+    double inside = fmax(by_capped, variance(&s->joined, i, moment(&s->joined.moment[i], s->joined.n))) * rays;
+    *direct_joined = way == JOINED && may_join && inside < apart;
+    return *direct_joined ? inside : apart;
 }
 
-/* A bidirectional sample has one of direct light beside it. */
-static double way_rays(const Surveyed *s, Way way) { return s->capped[way].rays / s->capped[way].n + (joins(way) ? DIRECT_RAYS : 0); }
 static double way_seconds(const Surveyed *s, Way way)
 {
     const Capped *c = &s->capped[way];
@@ -223,6 +230,7 @@ void run_survey(Render *r)
     for (Way way = TRACED; way < WAYS; way++)
         if (!bends(way) || r->scene->has_specular) draw(&s, way, fmin(SURVEY_SHARE * chain_rays, SURVEY_RAYS), now += a_way);
     sum->direct.n = sum->capped[TRACED].n;
+    sum->joined.n = sum->capped[JOINED].n;
     for (Way way = TRACED; way < WAYS; way++) sum->told[way].n = sum->capped[teller(r)].n;
     /* A short pilot rather misses what is rare: its error is taken half as large again. */
     double error = 1.5 * run_chain_error(r) * chain_rays / (double)r->pixels, power = 0;
@@ -239,7 +247,8 @@ void run_survey(Render *r)
         for (int i = 0; i < CUTS && sum->capped[way].n > 0; i++) {
             double left = told->left[i] / told->indirect;
             if ((i > 0 && !(left > 0)) || (i >= SURE_CUTS && told->above[i] < LEAST_ABOVE)) break;   /* so few samples cannot tell that nothing is left */
-            double path = sqrt(way_variance(sum, way, i) * way_rays(sum, way)), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
+            bool direct_joined;
+            double path = sqrt(way_cost(sum, way, i, !r->scene->has_specular, &direct_joined)), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
             /* the scale of all that chains bring is that of their seeds */
             BentWalks from = !joins(way) && r->scene->has_specular && of_seeds(sum, way, i, BENT_ALL) < 0.8 * of_seeds(sum, way, i, bends(way)) ? BENT_ALL : bends(way);
             double seeds = sqrt(of_seeds(sum, way, i, from) / (double)r->pixels);
@@ -249,6 +258,7 @@ void run_survey(Render *r)
             best = fmin(both, best);
             chosen = way;
             r->bidirectional = joins(way);
+            r->direct_joined = direct_joined;
             r->bent = bends(way);
             r->seeds_bent = from;
             r->catches = told->met[i] > 0;
