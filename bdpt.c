@@ -233,6 +233,7 @@ static bool join(Bdpt *b, const Space *space, int n_light, int n_lens, Candidate
     bool direct = reach_is_direct(c->reach);
     c->value = luminance(colour) / (space->bidirectional && !direct ? total : traced);
     if (direct && n_lens > 1) c->value *= b->lens_q[n_lens - 2];
+    else if (!direct && !space->bidirectional && n_lens > 2) c->value *= path_traced_first(b->lens_q[1]);
     c->share = space_share(space, c->pixel, c->value, c->reach);
     if (!(c->share > 0) || (space->part == REST && c->reach == REACH_UNJOINED)) return false;
     if (n_light > 0 && !scene_visible(space->scene, &b->light.v[n_light - 1].point, &lens->point)) return false;

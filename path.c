@@ -144,6 +144,7 @@ static double traced_value(const Space *space, Path *p, Reach reach)
     for (int i = 1; i < p->k; i++) from_lens *= path_traced_survival(&p->v[i].point, p->k - i);
     if (reach_is_direct(reach))
         for (int i = 1; i < p->k; i++) q *= p->v[i].s.q;
+    else if (p->k > 1) q = path_traced_first(p->v[p->k - 1].s.q);
     return luminance(p->colour) * q / from_lens;
 }
 

@@ -138,6 +138,8 @@ double path_bidirectional_value(const Space *space, Path *path);
 static inline double path_survival(const Point *point) { return bsdf_albedo(&point->surface); }
 /* The path tracer's chance, at a point so many edges from the lens. */
 static inline double path_traced_survival(const Point *point, int edges) { return edges < 3 ? 1 : path_survival(point); }
+/* The chance of a mode that a path tracer's walk has at its first vertex: of glass it follows both, the rarer of them at least so often. */
+static inline double path_traced_first(double q) { return q < 0.125 ? 0.125 : q; }
 /* How much of f the space holds of a path of this value in this pixel. */
 static inline double space_share(const Space *space, uint32_t pixel, double value, Reach reach)
 {

@@ -49,6 +49,7 @@ typedef struct {
     bool joined;                   /* an edge so far could be joined */
     Rgb throughput;
     double q;                      /* product of the modes' chances; for direct light it counts in the value, not in the density */
+    double first, shared;          /* path_traced_first; so much indirect light counts */
     double chance;                 /* so much direct light counts: like q, but for roulette, and glass where the walk did not split */
 } Walk;
 
@@ -72,10 +73,8 @@ static void find(Found *f, const Walk *walk, Rgb rgb, int n_light, bool direct)
     Reach reach = direct ? joined ? REACH_DIRECT : REACH_SEEN : joined ? REACH_INDIRECT : REACH_UNJOINED;
     double value = luminance(rgb);
     if (n_light > 0) value /= path_traced_survival(&vertex(f, walk->edges)->point, walk->edges);    /* as if the walk had gone on to meet it */
-    if (direct) {
-        value *= walk->q;
-        rgb = scale(walk->chance, rgb);
-    }
+    value *= direct ? walk->q : walk->first;
+    rgb = scale(direct ? walk->chance : walk->shared, rgb);
     add_found(f, rgb, value, reach, n_light, walk->edges + 1);
 }
 
@@ -98,9 +97,9 @@ static void find_bent(void *context, const Bent *bent)
     int edges = walk->edges + bent->d;
     Rgb rgb = scale(1 / (bent->chance_pdf_a + bent->pdf_a), mul(walk->throughput, bent->rgb));
     Reach reach = walk->joined ? REACH_INDIRECT : REACH_UNJOINED;
-    double value = luminance(rgb);             /* as if the walk had gone on to meet the lamp */
+    double value = walk->first * luminance(rgb);             /* as if the walk had gone on to meet the lamp */
     for (int i = walk->edges; i < edges; i++) value /= path_traced_survival(&vertex(f, i)->point, i);
-    add_found(f, scale(bent->times, rgb), value, reach, 0, edges + 1);
+    add_found(f, scale(walk->shared * bent->times, rgb), value, reach, 0, edges + 1);
 }
 
 static void walk_on(Found *f, Walk *walk);
@@ -114,7 +113,13 @@ static void split(Found *f, Walk *walk)
     other.branch = walk->split = other.split = true;
     other.mode = walk->mode == MODE_REFLECT ? MODE_REFRACT : MODE_REFLECT;
     if (!bsdf_follow(glass, walk->known, other.mode, &other.w) || !bsdf_scatter(glass, other.w, walk->known, other.mode, &s)) return;
-    if (!roulette(&other, BRANCH_LEAST / s.q, f->rng)) return;
+    if (walk->edges == 1 && f->space->direct != DIRECT_ONLY) {
+        double least = path_traced_first(s.q);
+        other.branch = rng_double(f->rng) * least >= s.q;
+        other.shared = least;
+        if (other.branch && f->space->direct == DIRECT_EXCLUDED) return;
+    }
+    if (other.branch && !roulette(&other, BRANCH_LEAST / s.q, f->rng)) return;
     f->branches--;
     walk_on(f, &other);
 }
@@ -139,6 +144,10 @@ static void walk_on(Found *f, Walk *walk)
             walk->throughput = mul(walk->throughput, scale(1 / s.inv_S_light, s.colour));
             walk->q *= s.q;
             if (walk->split) walk->chance *= s.q;
+            if (walk->edges == 1) {
+                walk->first = path_traced_first(s.q);
+                if (walk->split && walk->shared == 1) walk->shared = s.q;
+            }
             pdf_pw = walk->mode != MODE_NONE ? 0 : s.inv_S_light / s.inv_F;
         }
         walk->edges++;
@@ -181,7 +190,7 @@ static void walk_on(Found *f, Walk *walk)
         bool first = !specular && walk->diffuse == 1, passes;
         if (first) disk_at(f->numbers->scatter, disk);
         passes = first ? bsdf_sample_at(to, walk->known, disk, rng, &walk->w, &walk->mode) : bsdf_sample(to, walk->known, rng, &walk->w, &walk->mode);
-        if (m->kind == MATERIAL_GLASS && walk->diffuse == 0 && space->direct != DIRECT_EXCLUDED && f->branches > 0) split(f, walk);
+        if (m->kind == MATERIAL_GLASS && walk->diffuse == 0 && (space->direct != DIRECT_EXCLUDED || walk->edges == 1) && f->branches > 0) split(f, walk);
         if (!passes) return;
     }
 }
@@ -201,7 +210,7 @@ Rgb path_trace(const Space *space, uint32_t column, uint32_t row, const Numbers 
     double disk[2] = { 0, 0 };
     Found found = { .space = space, .pixel = row * camera->width + column, .numbers = numbers, .rng = rng, .trail = trail, .branches = BRANCHES, .visit = visit,
                     .context = context };
-    Walk walk = { .mode = MODE_NONE, .throughput = { 1, 1, 1 }, .q = 1, .chance = 1 };
+    Walk walk = { .mode = MODE_NONE, .throughput = { 1, 1, 1 }, .q = 1, .first = 1, .shared = 1, .chance = 1 };
     Point *lens = &vertex(&found, 0)->point;
     if (camera->aperture > 0) disk_at(numbers->lens, disk);
     camera_lens_at(camera, disk, lens);
