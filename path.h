@@ -130,7 +130,7 @@ Reach path_reach(const Path *path);
 
 /* Luminance of f/p, p the density with which a path tracer finds the path: growing it from the lens until it meets the light by itself, or
  * joining x_1 to a sampled light point (the balance heuristic over both), Russian roulette included as far as the first of them meets it. At glass it draws
- * the mode, and p has the mode's chance in it, but for direct light, for which it goes both ways. */
+ * the mode, and p has the mode's chance in it, but for direct light, for which it goes both ways, and at the first vertex (path_traced_first). */
 double path_traced_value(const Space *space, Path *path);
 /* The same of a bidirectional path tracer (bdpt.h), Russian roulette included. */
 double path_bidirectional_value(const Space *space, Path *path);

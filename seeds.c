@@ -4,7 +4,8 @@
  * of f*: as good a seed as any of a bootstrap. Paths that cannot be joined anywhere, L S+ D S+ E, are found by a walk that meets the lamp by itself
  * and by nothing else. A bootstrap has no better way than the path tracer has, and a small part of its samples: it finds none, or one that scales a whole round.
  * So the chains' seeds of such paths are those that the independent samples of the round have met; and all others too, where these are
- * bidirectional and no bootstrap was asked for. Each round has its own, so that the spread between rounds still tells the error.
+ * bidirectional and no bootstrap was asked for; and those that walks from the light have, bent to the lens, of which there are a fixed share beside the
+ * samples: both by the balance heuristic. Each round has its own, so that the spread between rounds still tells the error.
  */
 #include "run.h"
 #include "bend.h"

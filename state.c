@@ -71,7 +71,7 @@ static uint64_t identity(const Scene *scene, const Settings *s)
     return h;
 }
 
-static const char MAGIC[] = "MLTRUNC\n";            /* the number changes with what is kept */
+static const char MAGIC[] = "MLTRUND\n";            /* the number changes with what is kept */
 
 typedef struct {
     char magic[8];

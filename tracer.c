@@ -1,7 +1,8 @@
 /* Path tracing. [Veach ch. 9] See tracer.h.
  *
  * At glass a walk draws one of two ways, for indirect light. For direct light it goes both ways, so that a lamp that is seen by one of them, however
- * faintly, is seen by every sample: what the rarer way brings would else be a few samples of great value. */
+ * faintly, is seen by every sample: what the rarer way brings would else be a few samples of great value. At the first glass so does indirect light,
+ * the rarer way by roulette. */
 #include "tracer.h"
 #include "bend.h"
 #include <string.h>
@@ -49,7 +50,7 @@ typedef struct {
     bool joined;                   /* an edge so far could be joined */
     Rgb throughput;
     double q;                      /* product of the modes' chances; for direct light it counts in the value, not in the density */
-    double first, shared;          /* path_traced_first; so much indirect light counts */
+    double first, shared;          /* path_traced_first of its first vertex; so much indirect light counts */
     double chance;                 /* so much direct light counts: like q, but for roulette, and glass where the walk did not split */
 } Walk;
 

@@ -5,6 +5,7 @@
  *     test_agree [FACTOR [SEED]]        FACTOR times the samples, for a long run; another seed
  */
 #include "balance.h"
+#include "bend.h"
 #include "check.h"
 #include "folder.h"
 #include "run.h"
@@ -466,7 +467,10 @@ static double mean_sum(const Render *r)
     return mean;
 }
 
-static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidirectional, BentWalks bent, BentWalks seeds_bent, float threshold, MetFault fault)
+/* What a run decides. */
+typedef struct { bool bidirectional; BentWalks bent; float threshold; bool noisy; BentWalks seeds_bent; bool catches, direct_joined; } Division;
+
+static Group met_group(const Scene *scene, int depth, int per_pixel, const Division *division, MetFault fault)
 {
     enum { PASSES = 4, SEEDED = 400, STEPS = 100 };                    /* passes of a run, of which each mean has many; chains of them all, steps of a chain */
     Group g = { .runs = RUNS };
@@ -483,12 +487,14 @@ static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidire
             double met, variance;
             if (!CHECK(r && image)) return g;
             for (int j = 0; j < FILM * FILM; j++) {
-                r->film[j].threshold = threshold * (float)(1 + j % 7);
+                r->film[j].threshold = division->threshold * (float)(1 + j % 7);
                 r->film[j].weight = 1.0f / (float)(1 + j % 5);
             }
             r->tau = 1e-9;                         /* what is REACH_SEEN is not cut */
-            r->bidirectional = bidirectional;
-            r->bent = bent;
+            r->bidirectional = division->bidirectional;
+            r->bent = division->bent;
+            r->catches = division->catches;
+            r->direct_joined = division->direct_joined;
             r->pilot = false;
             run_divide(r);
             while (r->passes.rows < PASSES * FILM - 1) {
@@ -503,9 +509,9 @@ static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidire
                     add_pixel(g.value[i], x, y, from_float(image->rgb + 3 * (y * FILM + x)), 1.0 / (FILM * FILM * parts));
             if (fault == TWICE_LEFT) r->met.sum *= 2;
             met = run_met(r, &variance);
-            uint64_t bootstrap = bidirectional ? 0 : (uint64_t)(4000 * factor / parts);
+            uint64_t bootstrap = division->bidirectional ? 0 : (uint64_t)(4000 * factor / parts);
             CHECK(bootstrap_new(&boot, bootstrap, settings.seed, (uint64_t)2 << 36));
-            boot.bent = seeds_bent;
+            boot.bent = division->seeds_bent;
             bootstrap_sample(&boot, &r->chain_space, r->bdpt, bootstrap);
             from_bootstrap += boot.b / (boot.b + met);
             Group chain = { .runs = RUNS };
@@ -517,7 +523,7 @@ static Group met_group(const Scene *scene, int depth, int per_pixel, bool bidire
                 else if (!bootstrap_seed(&boot, &r->chain_space, r->bdpt, u / boot.b, r->x)) continue;
                 chain_run(&r->chain_space, &r->sampler, r->x, r->y, STEPS, &rng, splat, chain.value[0], &count);
             }
-            for (int v = 0; v < VALUES; v++) g.value[i][v] += chain.value[0][v] * b / (chains * STEPS * parts) * (fault == TWICE_LEFT && seeds_bent ? 2 : 1);
+            for (int v = 0; v < VALUES; v++) g.value[i][v] += chain.value[0][v] * b / (chains * STEPS * parts) * (fault == TWICE_LEFT && division->seeds_bent ? 2 : 1);
             hits += (double)r->met.hits;
             CHECK(count.bad == 0);
             bootstrap_free(&boot);
@@ -572,6 +578,55 @@ static void test_bent_values(Space space, bool bidirectional, BentWalks bent)
     free(v.trail);
 }
 
+/* What can be joined nowhere, by walks from the light that are bent to the lens, and by bidirectional samples. */
+static void add_unjoined(void *context, const Candidate *c)
+{
+    if (c->reach == REACH_UNJOINED) add_pixel(context, c->pixel % FILM, c->pixel / FILM, c->rgb, 1);
+}
+typedef struct { const Space *space; Path *x; double *value; double most; } Caught;
+static void add_caught(void *context, double times)
+{
+    const Caught *c = context;
+    if (path_reach(c->x) == REACH_UNJOINED)
+        add_pixel(c->value, c->x->pixel % FILM, c->x->pixel / FILM, scale(fmin(times, c->most) / bend_density(c->space, c->x), c->x->colour), 1);
+}
+
+static Group unjoined_group(const Space *space, bool from_light, double most, int n)
+{
+    Group g = { .runs = RUNS };
+    Bdpt *bdpt = bdpt_new();
+    Path *x = calloc(1, sizeof *x);
+    if (!CHECK(bdpt && x)) return g;
+    for (int i = 0; i < RUNS; i++) {
+        Rng rng = rng_new(seed, ((uint64_t)(from_light ? 3 : 4) << 40) + (uint64_t)i);
+        Caught c = { space, x, g.value[i], most };
+        for (int j = 0; j < n; j++) {
+            if (from_light) bend_from_light(space, x, &rng, add_caught, &c);
+            else bdpt_sample(bdpt, space, FILM * rng_double(&rng), FILM * rng_double(&rng), &rng, add_unjoined, g.value[i]);
+        }
+        for (int v = 0; v < VALUES; v++) g.value[i][v] /= n;
+    }
+    bdpt_free(bdpt);
+    free(x);
+    return g;
+}
+
+static void test_caught(void)
+{
+    Scene scene;
+    folder_write_text("basin.obj", basin_obj);
+    folder_write_text("basin.mtl", basin_mtl);
+    folder_write_text("basin.cam", basin_cam);
+    if (!load(&scene, folder_path("basin.obj"))) return;
+    printf("the floor under water, walks from the light bent to the lens\n");
+    Space whole = { .scene = &scene, .max_depth = 7, .direct = DIRECT_INCLUDED, .bent = BENT_ALL };
+    int n = (int)(20000 * factor);
+    Group samples = unjoined_group(&whole, false, INFINITY, n), caught = unjoined_group(&whole, true, INFINITY, 4 * n), much = unjoined_group(&whole, true, 1, 4 * n);
+    agree("bidirectional samples, walks from the light", &samples, &caught, BY_TILES);
+    disagree("guesses until the way is found again are not counted", &samples, &much, BY_TILES);
+    scene_free(&scene);
+}
+
 static void test_met(void)
 {
     folder_write_text("basin.obj", basin_obj);
@@ -579,15 +634,18 @@ static void test_met(void)
     folder_write_text("basin.cam", basin_cam);
     folder_write_text("pane.obj", pane_obj);
     folder_write_text("pane.cam", pane_cam);
-    const struct { const char *name, *file; int per_pixel; bool bidirectional; BentWalks bent; float threshold; bool noisy; BentWalks seeds_bent; } list[] = {
-        { "the floor under water, seeds from the path tracer", "basin.obj", 60, false, BENT_NONE, 0.05f, false, BENT_NONE },
-        { "the floor under water, seeds from the path tracer, walks bent", "basin.obj", 60, false, BENT_ALL, 0.02f, false, BENT_NONE },
-        { "the floor under water, seeds from the path tracer, walks bent where nothing can be joined", "basin.obj", 60, false, BENT_UNJOINED, 0.02f, false, BENT_NONE },
-        { "the floor under water, all seeds from bidirectional samples", "basin.obj", 60, true, BENT_NONE, 0.05f, false, BENT_NONE },
-        { "the floor under water, all seeds from bidirectional samples, walks bent", "basin.obj", 60, true, BENT_ALL, 0.02f, false, BENT_NONE },
-        { "the floor under water, all seeds from bidirectional samples, walks bent where nothing can be joined", "basin.obj", 60, true, BENT_UNJOINED, 0.02f, false, BENT_NONE },
-        { "scenes/cornell.obj, all seeds from bidirectional samples", "scenes/cornell.obj", 120, true, BENT_NONE, 0.005f, true, BENT_NONE },
-        { "under a pane, seeds from a bootstrap whose walks are bent", "pane.obj", 60, false, BENT_NONE, 0.02f, false, BENT_ALL },
+    const struct { const char *name, *file; int per_pixel; Division d; } list[] = {
+        { "the floor under water, seeds from the path tracer", "basin.obj", 60, { .threshold = 0.05f } },
+        { "the floor under water, seeds from the path tracer and from the light", "basin.obj", 60, { .threshold = 0.05f, .catches = true } },
+        { "the floor under water, seeds from the path tracer, walks bent", "basin.obj", 60, { .bent = BENT_ALL, .threshold = 0.02f } },
+        { "the floor under water, seeds from the path tracer, walks bent where nothing can be joined", "basin.obj", 60, { .bent = BENT_UNJOINED, .threshold = 0.02f } },
+        { "the floor under water, all seeds from bidirectional samples", "basin.obj", 60, { .bidirectional = true, .threshold = 0.05f } },
+        { "the floor under water, all seeds from bidirectional samples, walks bent", "basin.obj", 60, { .bidirectional = true, .bent = BENT_ALL, .threshold = 0.02f } },
+        { "the floor under water, all seeds from bidirectional samples, walks bent where nothing can be joined, and from the light", "basin.obj", 60,
+          { .bidirectional = true, .bent = BENT_UNJOINED, .threshold = 0.02f, .catches = true } },
+        { "scenes/cornell.obj, all seeds from bidirectional samples", "scenes/cornell.obj", 120, { .bidirectional = true, .threshold = 0.005f, .noisy = true } },
+        { "scenes/cornell.obj, all seeds and direct light from bidirectional samples", "scenes/cornell.obj", 120, { .bidirectional = true, .threshold = 0.005f, .direct_joined = true } },
+        { "under a pane, seeds from a bootstrap whose walks are bent", "pane.obj", 60, { .threshold = 0.02f, .seeds_bent = BENT_ALL } },
     };
     for (size_t i = 0; i < sizeof list / sizeof list[0]; i++) {
         Scene scene;
@@ -595,13 +653,13 @@ static void test_met(void)
         if (!load(&scene, strchr(list[i].file, '/') ? list[i].file : folder_path(list[i].file))) continue;     /* its own are in its folder */
         printf("%s\n", list[i].name);
         Space whole = { .scene = &scene, .max_depth = depth, .direct = DIRECT_INCLUDED };
-        if (list[i].bent) test_bent_values(whole, list[i].bidirectional, list[i].bent);
-        Group path = traced_group(&whole, 4 * n), both = met_group(&scene, depth, n, list[i].bidirectional, list[i].bent, list[i].seeds_bent, list[i].threshold, NO_FAULT);
-        Group much = met_group(&scene, depth, n, list[i].bidirectional, list[i].bent, list[i].seeds_bent, list[i].threshold, TWICE_LEFT);
+        const Division *d = &list[i].d;
+        if (d->bent) test_bent_values(whole, d->bidirectional, d->bent);
+        Group path = traced_group(&whole, 4 * n), both = met_group(&scene, depth, n, d, NO_FAULT), much = met_group(&scene, depth, n, d, TWICE_LEFT);
         agree("path, capped + chains from what was met", &path, &both, BY_TILES);
         disagree("twice as much is left to the chains", &path, &much, BY_TILES);
-        if (list[i].noisy) {
-            Group own = met_group(&scene, depth, n, list[i].bidirectional, list[i].bent, list[i].seeds_bent, list[i].threshold, OWN_SAMPLES);
+        if (d->noisy) {
+            Group own = met_group(&scene, depth, n, d, OWN_SAMPLES);
             disagree("a pixel's own samples settle how many it has", &path, &own, BY_TILES);
         }
         scene_free(&scene);
@@ -826,6 +884,7 @@ int main(int argc, char **argv)
     test_precisely();
     test_divided();
     test_spread();
+    test_caught();
     test_met();
     test_primaries();
     test_stopped();
