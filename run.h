@@ -21,7 +21,7 @@ enum { JOINED_STRIDE = 4 };
 typedef struct {
     double *sum, *square;          /* [pixels][3] over the samples of each pixel */
     double *light, *light_square;  /* [pixels][3] what light subpaths bring to any pixel; only for bdpt, and for what run_spread moves */
-    double *direct;                /* [pixels] over channels, what is direct light: it may be large in one pixel alone, and is no outlier */
+    double *direct;                /* [pixels] over channels, what is direct light, but for what is spread: it may be large in one pixel alone, and is no outlier */
     double *first;                 /* [run_firsts] of pixels whose samples are two sequences: run_first */
     Evenness evenness;
     float *often;                  /* [pixels] samples in a pass since it was settled: a mean of 1 */

@@ -42,7 +42,6 @@ static void add_splats(Render *r, const Splats *s)
         for (end = i + 1; end < s->n && s->splat[end].pixel == s->splat[i].pixel; end++) sum = add(sum, s->splat[end].rgb);
         if (!finite3(sum)) { r->stats.bad_samples++; continue; }
         const double v[3] = { sum.x, sum.y, sum.z };
-        r->passes.direct[s->splat[i].pixel] += v[0] + v[1] + v[2];
         for (size_t channel = 0; channel < 3; channel++) {
             size_t at = 3 * (size_t)s->splat[i].pixel + channel;
             r->passes.light[at] += v[channel];
