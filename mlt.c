@@ -157,7 +157,7 @@ void chain_run(const Space *space, const Sampler *s, Path *x, Path *y, uint64_t 
                 /* q_i(x) stands in T(y|x), q_i(y) in T(x|y) */
                 double sum_y = choices(space, s, y, share_y), ratio = move.R_yx / move.R_xy * (share_y[i] / sum_y) / (share_x[i] / sum_x);
                 a = ratio < 1 ? ratio : 1;
-                if (isnan(ratio)) { count->bad++; a = 0; }
+                if (isnan(ratio) || isinf(y->chi)) { count->bad++; a = 0; }      /* from there no chain would return */
                 if (!(a > 0)) outcome = ZERO_NO_WAY;
                 else if (move.joined >= 0 && !scene_visible(space->scene, &y->v[move.joined].point, &y->v[move.joined + 1].point)) outcome = ZERO_BLOCKED;
                 if (outcome != PROPOSED) a = 0;
