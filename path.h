@@ -80,7 +80,7 @@ typedef struct Space {
     Part part;
     double seen;                   /* REACH_SEEN has its threshold at so many times that of indirect light */
     BentWalks bent;
-    bool bidirectional;            /* indirect light is capped by its value to a bidirectional path tracer; the path tracer has direct light alone then */
+    bool bidirectional;            /* indirect light is capped by its value to a bidirectional path tracer; the path tracer has at most direct light then */
     const struct Space *divided;   /* by whose values it is capped, where samples bend more walks than the values know of; NULL: by its own */
 } Space;
 static inline const Space *space_divided(const Space *space) { return space->divided ? space->divided : space; }

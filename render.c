@@ -7,7 +7,7 @@
  * With direct light apart, the integrand is divided. The path tracer has all direct light; of an indirect path that it finds with a value above
  * tau times the picture it keeps so much that the value is just that, and all of the others; the chains get the rest. The path tracer's values
  * are bounded then, and the chains need not visit what is easy. (To cap the values leaves the chains the least for a given second moment.) Where it is better
- * at it, a bidirectional path tracer takes the path tracer's place for indirect light; and where that pays, walks from the lens are bent to meet lamps
+ * at it, a bidirectional path tracer takes the path tracer's place for indirect light, or (direct_joined) for all; and where that pays, walks from the lens are bent to meet lamps
  * through specular vertices (bend.h). How much of a path is whose depends on the path and on thresholds that a pilot has set, whose own picture is thrown
  * away. The pilot looks for indirect light twice, by chains and by bidirectional samples.
  *

@@ -22,7 +22,7 @@ static const double DOUBT[BENDINGS] = { 1.25, 1, 1.5 };
 static const double SURVEY_SHARE = 0.5, SURVEY_RAYS = 4e6;     /* of each kind such a share of the rays of the pilot's chains, up to so many */
 static const double SURVEY_TIME = 0.25;    /* of what is left of a run's time, for all kinds */
 
-/* What is capped is the path tracer's; or direct light is, and a bidirectional one has the rest of it. */
+/* What is capped is the path tracer's; or a bidirectional one has it, but for direct light where that is cheaper apart. */
 void run_divide(Render *r)
 {
     r->direct_space.direct = r->bidirectional ? DIRECT_ONLY : DIRECT_INCLUDED;
