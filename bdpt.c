@@ -4,6 +4,8 @@
  * and that sum over f is path_routes(-1, k+1), made of 1/C and 1/S. Only the two joined vertices differ from one technique to the next,
  * so the sum is split into a prefix over the light subpath and a suffix over the lens subpath, and each join costs a constant.
  * Russian roulette: a subpath goes on from a vertex with the probability 'survival' of its surface; 1/S is multiplied by it.
+ * Where the lens sees glass, the lens subpath goes both ways, the rarer one by roulette, and both are joined to the light subpath. In the densities p each
+ * way has its mode's chance q; a candidate counts so much that its expectation is as if only one of them had been drawn.
  */
 #include "bdpt.h"
 #include "bend.h"
@@ -25,6 +27,7 @@ struct Bdpt {
     bool lens_joined[MAX_EDGES + 1];           /* whether any edge up to lens vertex j could be joined */
     double lens_survival[MAX_EDGES + 1];       /* over lens vertices 3 .. j */
     double lens_q[MAX_EDGES + 1];              /* product of the modes' chances at them */
+    double counts;                             /* of its value, what a candidate counts that has more lens vertices than two */
     Path whole;                                /* a candidate's, where walks are bent */
 };
 
@@ -88,18 +91,19 @@ static void join_bent(void *context, const Bent *bent)
     int n_lens = of->n_lens + bent->d;
     if (!bdpt_path(of->bdpt, space_divided(of->space), 0, n_lens, p) || luminance(p->colour) == 0) return;
     double sum = path_bidirectional_value(of->space, p) / luminance(p->colour), weight = of->space->film ? (double)of->space->film[p->pixel].weight : 1;
-    Candidate c = { .n_lens = n_lens, .pixel = p->pixel, .rgb = scale(bent->times * sum, p->colour), .value = p->value, .share = p->share, .reach = path_reach(p) };
+    Candidate c = { .n_lens = n_lens, .pixel = p->pixel, .rgb = scale(of->bdpt->counts * bent->times * sum, p->colour), .value = p->value, .share = p->share, .reach = path_reach(p) };
     c.weight = c.share * luminance(c.rgb) * weight;
     if (c.weight != 0 && !(of->space->part == REST && c.reach == REACH_UNJOINED)) of->visit(of->context, &c);     /* NaN too: it is counted */
 }
 
-static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
+/* The lens point and what it sees at (x, y). False if that is nothing. */
+static bool look(Bdpt *b, const Space *space, double x, double y, Rng *rng)
 {
     Path *p = &b->lens;
     p->k = MAX_EDGES;
     path_grow_to_light(space, p, p->k + 1, rng);
     b->n_lens = 1;
-    b->alpha[0] = b->plain[0] = 1;
+    b->alpha[0] = b->plain[0] = b->counts = 1;
     b->beta[0] = 0;
     b->lens_colour[0] = vec3(1, 1, 1);
     b->lens_diffuse[0] = 0;
@@ -107,7 +111,33 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
     b->lens_joined[0] = false;
     if (!path_look(space, p, x, y) || !path_scatter(space, p, p->k)) return false;
     b->n_lens = 2;
-    for (int j = 1; j < space->max_depth; j++) {
+    return true;
+}
+
+/* Lens vertex j, from which the subpath has been grown by one, is now known from both sides. False if nothing passes it. */
+static bool go_on(Bdpt *b, const Space *space, int j)
+{
+    Path *p = &b->lens;
+    int i = MAX_EDGES - j;
+    if (!path_scatter(space, p, i)) return false;
+    with_survival(&p->v[i]);
+    b->alpha[j] = b->alpha[j - 1] * p->v[i + 1].s.inv_S_light;
+    b->plain[j] = b->plain[j - 1] * p->v[i + 1].s.inv_S_light / (j > 1 ? path_survival(&p->v[i + 1].point) : 1);
+    b->beta[j] = b->alpha[j - 1] * path_inv_C(p, i) + b->beta[j - 1] * p->v[i].s.inv_S_lens;
+    b->lens_colour[j] = mul(b->lens_colour[j - 1], p->v[i].s.colour);
+    b->lens_diffuse[j] = b->lens_diffuse[j - 1] + (p->v[i].mode == MODE_NONE);
+    b->lens_joined[j] = b->lens_joined[j - 1] || (p->v[i].mode == MODE_NONE && (j == 1 || p->v[i + 1].mode == MODE_NONE));
+    b->lens_q[j] = b->lens_q[j - 1] * p->v[i].s.q;
+    b->lens_survival[j + 1] = b->lens_survival[j] * path_traced_survival(&p->v[i - 1].point, j + 1);
+    b->n_lens = j + 2;
+    return true;
+}
+
+/* Grows the lens subpath on from its vertex j; walks that are bent on the way find their candidates at once. */
+static void trace_lens(Bdpt *b, const Space *space, int j, FirstGlass glass, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
+{
+    Path *p = &b->lens;
+    for (; j < space->max_depth; j++) {
         int i = MAX_EDGES - j;
         bool joined = j == 1 || b->lens_joined[j - 1] || p->v[i + 1].mode == MODE_NONE;      /* to v[i], if it is not specular */
         if (space_bends(space, joined) && space->direct != DIRECT_ONLY && !material_is_specular(p->v[i].point.surface.material)) {
@@ -116,20 +146,27 @@ static bool trace_lens(Bdpt *b, const Space *space, double x, double y, Rng *rng
             p->v[i].mode = MODE_NONE;
             bend_walk(space->scene, &p->v[i], space->max_depth - j, p->v[i].to_lens, light, rng, join_bent, &bending);
         }
-        if (rng_double(rng) >= path_survival(&p->v[i].point)) return true;
-        if (!path_grow_to_light(space, p, i, rng) || !path_scatter(space, p, i)) return true;
-        with_survival(&p->v[i]);
-        b->alpha[j] = b->alpha[j - 1] * p->v[i + 1].s.inv_S_light;
-        b->plain[j] = b->plain[j - 1] * p->v[i + 1].s.inv_S_light / (j > 1 ? path_survival(&p->v[i + 1].point) : 1);
-        b->beta[j] = b->alpha[j - 1] * path_inv_C(p, i) + b->beta[j - 1] * p->v[i].s.inv_S_lens;
-        b->lens_colour[j] = mul(b->lens_colour[j - 1], p->v[i].s.colour);
-        b->lens_diffuse[j] = b->lens_diffuse[j - 1] + (p->v[i].mode == MODE_NONE);
-        b->lens_joined[j] = b->lens_joined[j - 1] || (p->v[i].mode == MODE_NONE && (j == 1 || p->v[i + 1].mode == MODE_NONE));
-        b->lens_q[j] = b->lens_q[j - 1] * p->v[i].s.q;
-        b->lens_survival[j + 1] = b->lens_survival[j] * path_traced_survival(&p->v[i - 1].point, j + 1);
-        b->n_lens = j + 2;
+        if (rng_double(rng) >= path_survival(&p->v[i].point) || !path_grow_to_light(space, p, i, rng) || !go_on(b, space, j)) return;
+        if (j == 1) b->counts = (glass == BOTH_WAYS ? p->v[i].s.q : 1) / path_first_chance(p->v[i].s.q);
     }
-    return true;
+}
+
+/* Turns to the way that the lens subpath has not taken at glass, and grows it by one. False if it has taken none, or by roulette. */
+static bool turn(Bdpt *b, const Space *space, Rng *rng)
+{
+    int i = MAX_EDGES - 1;
+    Path *p = &b->lens;
+    Vertex *v = &p->v[i];
+    Vec3 w;
+    Scatter s;
+    if (b->n_lens < 2 || v->point.surface.material->kind != MATERIAL_GLASS || v->mode == MODE_NONE) return false;
+    v->mode = v->mode == MODE_REFLECT ? MODE_REFRACT : MODE_REFLECT;
+    b->n_lens = 2;
+    b->counts = 1;
+    if (!bsdf_follow(&v->point.surface, v->to_lens, v->mode, &w) || !bsdf_scatter(&v->point.surface, w, v->to_lens, v->mode, &s)) return false;
+    if (rng_double(rng) * path_first_chance(s.q) >= s.q) return false;
+    p->v[i - 1].mode = MODE_NONE;
+    return scene_trace(space->scene, &v->point, w, &p->v[i - 1].point) && path_edge(p, i - 1) && go_on(b, space, 1);
 }
 
 /* Direct light is L D? S* E: of the lens vertices 1 .. k-2 none may be non-specular, and the joined ones always are. */
@@ -163,8 +200,21 @@ static bool specular_at_light(const Bdpt *b, int n_light, int n_lens)
     return n_light == 0 ? n_lens > 2 && lens_vertex(b, n_lens - 2)->mode != MODE_NONE : n_light > 2 && b->light.v[1].mode != MODE_NONE;
 }
 
+/* How often a path counts that met the lamp by chance beyond specular vertices, where walks are bent. These have been grown by Russian roulette, bent ones not. */
+static double times_by_chance(const Bdpt *b, const Space *space, int n_lens, Rng *rng)
+{
+    Vertex *v = lens_vertex(b, n_lens - 1);
+    BendLeft left = bend_left(space->scene, v, n_lens - 1, rng);
+    double survival = 1;
+    for (int i = 1; ; i++) {
+        survival *= path_survival(&v[i].point);
+        if (v[i].mode == MODE_NONE) break;
+    }
+    return 1 + (left.times - 1) / survival;
+}
+
 /* Fills the candidate of n_light and n_lens vertices; false if it carries nothing. */
-static bool join(Bdpt *b, const Space *space, int n_light, int n_lens, Candidate *c)
+static bool join(Bdpt *b, const Space *space, int n_light, int n_lens, Rng *rng, Candidate *c)
 {
     const Vertex *lens = lens_vertex(b, n_lens - 1);
     double x = b->lens.raster_x, y = b->lens.raster_y;
@@ -231,35 +281,47 @@ static bool join(Bdpt *b, const Space *space, int n_light, int n_lens, Candidate
     c->pixel = (uint32_t)y * space->scene->camera.width + (uint32_t)x;
     c->reach = reach(b, n_light, n_lens);
     bool direct = reach_is_direct(c->reach);
+    double first = n_lens > 2 ? path_first_chance(b->lens_q[1]) : 1;
     c->value = luminance(colour) / (space->bidirectional && !direct ? total : traced);
     if (direct && n_lens > 1) c->value *= b->lens_q[n_lens - 2];
-    else if (!direct && !space->bidirectional && n_lens > 2) c->value *= path_traced_first(b->lens_q[1]);
+    else if (!direct) c->value *= first;
     c->share = space_share(space, c->pixel, c->value, c->reach);
     if (!(c->share > 0) || (space->part == REST && c->reach == REACH_UNJOINED)) return false;
     if (n_light > 0 && !scene_visible(space->scene, &b->light.v[n_light - 1].point, &lens->point)) return false;
     if (!direct && specular_at_light(b, n_light, n_lens) && space_bends(space, c->reach == REACH_INDIRECT)) {
         if (!bdpt_path(b, space_divided(space), n_light, n_lens, &b->whole)) return false;
-        total = luminance(b->whole.colour) / path_bidirectional_value(space, &b->whole);
+        total = first * luminance(b->whole.colour) / path_bidirectional_value(space, &b->whole);
+        if (n_light == 0) total /= times_by_chance(b, space, n_lens, rng);
         c->value = b->whole.value;
         c->share = b->whole.share;
     }
     c->n_light = n_light;
     c->n_lens = n_lens;
-    c->rgb = scale(1 / total, colour);
+    c->rgb = scale((n_lens > 2 ? b->counts * first : 1) / total, colour);
     c->weight = c->share * luminance(c->rgb) * (space->film ? (double)space->film[c->pixel].weight : 1);
     return c->weight > 0;
 }
 
-void bdpt_sample(Bdpt *b, const Space *space, double x, double y, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
+static void join_all(Bdpt *b, const Space *space, int least_lens, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
+{
+    Candidate c;
+    for (int n_light = 0; n_light <= b->n_light; n_light++)
+        for (int n_lens = n_light == 0 && least_lens < 2 ? 2 : least_lens; n_lens <= b->n_lens; n_lens++)
+            if (counts(b, space, n_light, n_lens) && join(b, space, n_light, n_lens, rng, &c)) visit(context, &c);
+}
+
+void bdpt_sample(Bdpt *b, const Space *space, double x, double y, FirstGlass glass, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
 {
     if (space->scene->n_lights == 0) return;
-    Candidate c;
     trace_light(b, space, rng);
-    trace_lens(b, space, x, y, rng, visit, context);
-    for (int n_light = 0; n_light <= b->n_light; n_light++)
-        for (int n_lens = n_light == 0 ? 2 : 1; n_lens <= b->n_lens; n_lens++)
-            if (counts(b, space, n_light, n_lens) && join(b, space, n_light, n_lens, &c)) visit(context, &c);
+    if (look(b, space, x, y, rng)) trace_lens(b, space, 1, glass, rng, visit, context);
+    join_all(b, space, 1, rng, visit, context);
+    if (glass == ONE_WAY || !turn(b, space, rng)) return;
+    trace_lens(b, space, 2, glass, rng, visit, context);
+    join_all(b, space, 3, rng, visit, context);
 }
+
+double bdpt_value(const Bdpt *b, const Candidate *c) { return luminance(c->rgb) / (c->n_lens > 2 ? b->counts : 1); }
 
 const char *const path_class_name[CLASSES] = {
     "direct light", "diffuse reflection", "caustics", "caustics seen through glass, water or mirrors", "other specular reflection"

@@ -12,17 +12,24 @@ typedef struct Bdpt Bdpt;      /* work space for two subpaths */
 Bdpt *bdpt_new(void);          /* NULL if memory runs out */
 void bdpt_free(Bdpt *bdpt);
 
+/* What a lens subpath does at glass that the lens sees: it draws a way, and a candidate counts path_bidirectional_value but for the chance of that; or it
+ * goes both ways, the rarer one by roulette, and no candidate counts more than that value. */
+typedef enum { ONE_WAY, BOTH_WAYS } FirstGlass;
+
 /* Traces one pair of subpaths, the lens one through raster position (x, y), and hands every candidate that carries light to 'visit'.
  * Of the REST it leaves out what is REACH_UNJOINED: the chains have seeds of those from elsewhere (run_meet).
  * With (x, y) uniform over the film, the expectation of the sum of rgb over candidates in pixel j, times the number of pixels, is pixel j. */
-void bdpt_sample(Bdpt *bdpt, const Space *space, double x, double y, Rng *rng, void (*visit)(void *context, const Candidate *), void *context);
+void bdpt_sample(Bdpt *bdpt, const Space *space, double x, double y, FirstGlass glass, Rng *rng, void (*visit)(void *context, const Candidate *), void *context);
 
 /* Of the candidate that is being visited. */
 PathClass bdpt_class(const Bdpt *bdpt, const Candidate *candidate);
 
+/* Of the candidate that is being visited, if no walk was bent for it: path_bidirectional_value. Its rgb is at most that. */
+double bdpt_value(const Bdpt *bdpt, const Candidate *candidate);
+
 /* Of the candidate that is being visited: whether a walk could have been bent to make its path (bend.h). */
 bool bdpt_may_be_bent(const Bdpt *bdpt, const Candidate *candidate);
 
-/* The candidate's whole path, evaluated; to be asked for while it is being visited. */
+/* The candidate's whole path, evaluated; to be asked for while it is being visited, or of the last sample, if it went ONE_WAY. */
 bool bdpt_path(const Bdpt *bdpt, const Space *space, int n_light, int n_lens, Path *out);
 #endif

@@ -2,7 +2,7 @@
 #include "bend.h"
 #include <string.h>
 
-enum { MOST_GUESSES = 1 << 20 };               /* until a way is found again */
+enum { MOST_GUESSES = 1 << 20, LEAST_TIMES = 4 };
 
 /* What a way from v[d] carries to the direction 'known', all but 'times'. *searched is the chance with which it is followed up. False if it is nothing. */
 static bool carry_to_lamp(const Scene *scene, Vertex *v, int d, Vec3 known, Bent *out, double *searched)
@@ -26,16 +26,6 @@ static bool carry_to_lamp(const Scene *scene, Vertex *v, int d, Vec3 known, Bent
     *searched = chance.searched;
     *out = (Bent){ d, scale(way.spread, rgb), pdf_w * modes * way.spread, chance.nominal * scene_light_pdf_a(scene, lamp), chance.nominal };
     return isfinite(way.spread);
-}
-
-double bend_share_left(const Scene *scene, Vertex *v, int edges)
-{
-    int d = 1;
-    Bent bent;
-    double searched;
-    while (d < edges && v[d].mode != MODE_NONE) d++;
-    if (d >= edges || !specular_sought(&v[0].point, d) || !carry_to_lamp(scene, v, d, normalize(sub(v[d + 1].point.p, v[d].point.p)), &bent, &searched)) return 1;
-    return bent.chance_pdf_a / (bent.chance_pdf_a + bent.pdf_a);
 }
 
 /* A target is a point of a lamp, or of the lens, which is no surface: a line may go on behind it. */
@@ -97,39 +87,80 @@ static bool same(const Vertex *a, const Vertex *b, int d)
     return true;
 }
 
+/* Guesses until one leads to the way v[d] .. v[0], in the direction 'known'; 'most' or more if none of so many does. */
+static double count_guesses(const Scene *scene, const Vertex *v, int d, Vec3 known, const Point *target, double most, Rng *rng)
+{
+    Vertex again[MOST_SPECULAR + 2];
+    Mode mode[MOST_SPECULAR + 2];
+    Vec3 w;
+    again[d].point = v[d].point;
+    for (double guesses = 1; guesses <= most; guesses++) {
+        if (guess(scene, &v[d].point, known, target, rng, &w, mode) != d) continue;
+        bool as_here = true;
+        for (int i = 1; i < d; i++) as_here = as_here && mode[i] == v[i].mode;
+        if (as_here && specular_search(scene, mode, again, d, w, target) && same(again, v, d)) return guesses;
+    }
+    return most + 1;
+}
+
+/* So many guesses are enough: with one more, what was found would count more often than what is met by chance. Nothing is lost by that (bend_left). */
+static double enough_guesses(const Bent *bent, double searched)
+{
+    double times = fmax(LEAST_TIMES, 1 + bent->pdf_a / bent->chance_pdf_a);
+    return fmin(ceil(times * searched / bent->times), MOST_GUESSES);
+}
+
+/* The way that is found from the straight line to the target; 0 if there is none. */
+static int bend_straight(const Scene *scene, const Point *from, const Point *target, int most, Vertex *v)
+{
+    Mode mode[MOST_SPECULAR + 2];
+    int d = straight(scene, from, target, mode);
+    if (d == 0 || d > most) return 0;
+    v[d].point = *from;
+    return specular_search(scene, mode, v, d, normalize(sub(target->p, from->p)), target) ? d : 0;
+}
+
 /* The ways to a target, each handed on if 'carry' says that it carries anything. */
 typedef bool Carry(const Scene *scene, Vertex *v, int d, Vec3 known, Bent *out, double *searched);
 static void bend(const Scene *scene, Vertex *at, int most, Vec3 known, const Point *target, Rng *rng, Carry *carry,
                  void (*found)(void *, const Bent *), void *context)
 {
-    Vertex direct[MOST_SPECULAR + 2], again[MOST_SPECULAR + 2];     /* the way from the straight line; found again */
-    Mode mode[MOST_SPECULAR + 2], other[MOST_SPECULAR + 2];
+    Vertex direct[MOST_SPECULAR + 2];
+    Mode mode[MOST_SPECULAR + 2];
     Bent bent;
     Vec3 w;
     double searched;
-    int d_direct = straight(scene, &at->point, target, mode);
-    if (d_direct > 0 && d_direct <= most) {
-        Vertex *v = at - d_direct;
-        if (!specular_search(scene, mode, v, d_direct, normalize(sub(target->p, at->point.p)), target)) d_direct = 0;
-        else {
-            memcpy(direct, v, (size_t)d_direct * sizeof *v);
-            if (carry(scene, v, d_direct, known, &bent, &searched)) found(context, &bent);
-        }
+    int d_direct = bend_straight(scene, &at->point, target, most, direct);
+    if (d_direct > 0) {
+        memcpy(at - d_direct, direct, (size_t)d_direct * sizeof *direct);
+        if (carry(scene, at - d_direct, d_direct, known, &bent, &searched)) found(context, &bent);
     }
     int d = guess(scene, &at->point, known, target, rng, &w, mode);
     if (d == 0 || d > most) return;
     Vertex *v = at - d;
     if (!specular_search(scene, mode, v, d, w, target) || (d_direct == d && same(direct, v, d))) return;
     if (!carry(scene, v, d, known, &bent, &searched) || rng_double(rng) >= searched) return;
-    double guesses = 0;
-    again[d].point = at->point;
-    for (bool back = false; !back; ) {
-        if (++guesses > MOST_GUESSES) { guesses = NAN; break; }    /* counted as a bad sample */
-        back = guess(scene, &at->point, known, target, rng, &w, other) == d && memcmp(other + 1, mode + 1, (size_t)(d - 1) * sizeof *mode) == 0
-            && specular_search(scene, mode, again, d, w, target) && same(again, v, d);
-    }
-    bent.times *= guesses / searched;
+    double enough = enough_guesses(&bent, searched), guesses = count_guesses(scene, v, d, known, target, enough, rng);
+    bent.times *= (guesses <= enough ? guesses : bent.chance_pdf_a > 0 ? enough : NAN /* counted as a bad sample */) / searched;
     found(context, &bent);
+}
+
+BendLeft bend_left(const Scene *scene, Vertex *v, int edges, Rng *rng)
+{
+    Vertex direct[MOST_SPECULAR + 2];
+    int d = 1;
+    Bent bent;
+    double searched;
+    while (d < edges && v[d].mode != MODE_NONE) d++;
+    Vec3 known = normalize(sub(v[d + 1].point.p, v[d].point.p));
+    if (d >= edges || !specular_sought(&v[0].point, d) || !carry_to_lamp(scene, v, d, known, &bent, &searched)) return (BendLeft){ 1, 1 };
+    const Point lamp = v[0].point;
+    BendLeft left = { bent.chance_pdf_a / (bent.chance_pdf_a + bent.pdf_a), 1 };
+    double more = bent.pdf_a / bent.chance_pdf_a, looked = fmin(more, 1);      /* where it is little it is roulette whether to look */
+    if (rng_double(rng) >= looked || (bend_straight(scene, &v[d].point, &lamp, d, direct) == d && same(direct, v, d))) return left;
+    double enough = enough_guesses(&bent, searched);
+    if (count_guesses(scene, v, d, known, &lamp, enough, rng) > enough) left.times = 1 + more / looked;
+    return left;
 }
 
 void bend_walk(const Scene *scene, Vertex *at, int most, Vec3 known, const double light[3], Rng *rng, void (*found)(void *, const Bent *), void *context)
@@ -155,7 +186,7 @@ static bool carry_to_lens(const Scene *scene, Vertex *v, int d, Vec3 known, Bent
     SpecularWay way = specular_way(scene, v, d);
     SpecularChance chance = specular_chance(&way, pdf_w * guessed);
     *searched = chance.searched;
-    *out = (Bent){ .d = d, .times = chance.nominal };
+    *out = (Bent){ .d = d, .chance_pdf_a = 0, .pdf_a = 1, .times = chance.nominal };       /* nothing else would bring what is missing */
     return isfinite(way.spread);
 }
 

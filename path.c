@@ -144,7 +144,7 @@ static double traced_value(const Space *space, Path *p, Reach reach)
     for (int i = 1; i < p->k; i++) from_lens *= path_traced_survival(&p->v[i].point, p->k - i);
     if (reach_is_direct(reach))
         for (int i = 1; i < p->k; i++) q *= p->v[i].s.q;
-    else if (p->k > 1) q = path_traced_first(p->v[p->k - 1].s.q);
+    else if (p->k > 1) q = path_first_chance(p->v[p->k - 1].s.q);
     return luminance(p->colour) * q / from_lens;
 }
 
@@ -161,7 +161,7 @@ double path_bidirectional_value(const Space *space, Path *p)
         grown *= path_inv_S_lens(p, e) * survival;
         survival = next;
     }
-    return luminance(p->colour) / sum;
+    return luminance(p->colour) / sum * path_first_chance(p->v[p->k - 1].s.q);
 }
 
 void path_finish(const Space *space, Path *p)

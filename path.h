@@ -130,7 +130,7 @@ Reach path_reach(const Path *path);
 
 /* Luminance of f/p, p the density with which a path tracer finds the path: growing it from the lens until it meets the light by itself, or
  * joining x_1 to a sampled light point (the balance heuristic over both), Russian roulette included as far as the first of them meets it. At glass it draws
- * the mode, and p has the mode's chance in it, but for direct light, for which it goes both ways, and at the first vertex (path_traced_first). */
+ * the mode, and p has the mode's chance in it, but for direct light, for which it goes both ways, and at the first vertex (path_first_chance). */
 double path_traced_value(const Space *space, Path *path);
 /* The same of a bidirectional path tracer (bdpt.h), Russian roulette included. */
 double path_bidirectional_value(const Space *space, Path *path);
@@ -139,7 +139,7 @@ static inline double path_survival(const Point *point) { return bsdf_albedo(&poi
 /* The path tracer's chance, at a point so many edges from the lens. */
 static inline double path_traced_survival(const Point *point, int edges) { return edges < 3 ? 1 : path_survival(point); }
 /* The chance of a mode that a path tracer's walk has at its first vertex: of glass it follows both, the rarer of them at least so often. */
-static inline double path_traced_first(double q) { return q < 0.125 ? 0.125 : q; }
+static inline double path_first_chance(double q) { return q < 0.125 ? 0.125 : q; }
 /* How much of f the space holds of a path of this value in this pixel. */
 static inline double space_share(const Space *space, uint32_t pixel, double value, Reach reach)
 {

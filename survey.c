@@ -84,7 +84,7 @@ static bool values_of(const Survey *s, const Candidate *c, double picture, doubl
     if (bent && !bdpt_path(r->bdpt, &s->whole[bends(s->way)], c->n_light, c->n_lens, r->x)) return false;
     for (BentWalks b = BENT_NONE; b < BENDINGS; b++) {
         value[TRACED + b] = (bent ? path_traced_value(&s->whole[b], r->x) : c->value) / picture;
-        value[JOINED + b] = (bent ? path_bidirectional_value(&s->whole[b], r->x) : luminance(c->rgb)) / picture;
+        value[JOINED + b] = (bent ? path_bidirectional_value(&s->whole[b], r->x) : bdpt_value(r->bdpt, c)) / picture;
     }
     return isfinite(value[s->way]);
 }
@@ -158,7 +158,7 @@ static void draw(Survey *s, Way way, double most, double until)
     if (c->n == 0) c->rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) - 1 - (uint64_t)way);
     for (s->way = way; c->n < SURVEY || c->rays < most; c->n++) {
         if (c->n >= HASTY_SURVEY && clock_now() > until) break;
-        if (joins(way)) bdpt_sample(r->bdpt, space, rng_double(&c->rng) * camera->width, rng_double(&c->rng) * camera->height, &c->rng, survey_candidate, s);
+        if (joins(way)) bdpt_sample(r->bdpt, space, rng_double(&c->rng) * camera->width, rng_double(&c->rng) * camera->height, BOTH_WAYS, &c->rng, survey_candidate, s);
         else {
             const Numbers numbers = numbers_random(&c->rng);
             path_trace(space, rng_index(&c->rng, camera->width), rng_index(&c->rng, camera->height), &numbers, &c->rng, r->trail, survey_traced, s);

@@ -50,7 +50,7 @@ typedef struct {
     bool joined;                   /* an edge so far could be joined */
     Rgb throughput;
     double q;                      /* product of the modes' chances; for direct light it counts in the value, not in the density */
-    double first, shared;          /* path_traced_first of its first vertex; so much indirect light counts */
+    double first, shared;          /* path_first_chance of its first vertex; so much indirect light counts */
     double chance;                 /* so much direct light counts: like q, but for roulette, and glass where the walk did not split */
 } Walk;
 
@@ -68,14 +68,15 @@ static void add_found(Found *f, Rgb rgb, double value, Reach reach, int n_light,
     f->visit(f->context, &c);
 }
 
-static void find(Found *f, const Walk *walk, Rgb rgb, int n_light, bool direct)
+/* What was found counts 'times', on average once. */
+static void find(Found *f, const Walk *walk, Rgb rgb, double times, int n_light, bool direct)
 {
     bool joined = n_light > 0 || walk->joined || walk->mode == MODE_NONE;    /* a light that is met could be joined to what is not specular */
     Reach reach = direct ? joined ? REACH_DIRECT : REACH_SEEN : joined ? REACH_INDIRECT : REACH_UNJOINED;
     double value = luminance(rgb);
     if (n_light > 0) value /= path_traced_survival(&vertex(f, walk->edges)->point, walk->edges);    /* as if the walk had gone on to meet it */
     value *= direct ? walk->q : walk->first;
-    rgb = scale(direct ? walk->chance : walk->shared, rgb);
+    rgb = scale(times * (direct ? walk->chance : walk->shared), rgb);
     add_found(f, rgb, value, reach, n_light, walk->edges + 1);
 }
 
@@ -115,7 +116,7 @@ static void split(Found *f, Walk *walk)
     other.mode = walk->mode == MODE_REFLECT ? MODE_REFRACT : MODE_REFLECT;
     if (!bsdf_follow(glass, walk->known, other.mode, &other.w) || !bsdf_scatter(glass, other.w, walk->known, other.mode, &s)) return;
     if (walk->edges == 1 && f->space->direct != DIRECT_ONLY) {
-        double least = path_traced_first(s.q);
+        double least = path_first_chance(s.q);
         other.branch = rng_double(f->rng) * least >= s.q;
         other.shared = least;
         if (other.branch && f->space->direct == DIRECT_EXCLUDED) return;
@@ -146,7 +147,7 @@ static void walk_on(Found *f, Walk *walk)
             walk->q *= s.q;
             if (walk->split) walk->chance *= s.q;
             if (walk->edges == 1) {
-                walk->first = path_traced_first(s.q);
+                walk->first = path_first_chance(s.q);
                 if (walk->split && walk->shared == 1) walk->shared = s.q;
             }
             pdf_pw = walk->mode != MODE_NONE ? 0 : s.inv_S_light / s.inv_F;
@@ -156,13 +157,13 @@ static void walk_on(Found *f, Walk *walk)
         double cos_light = -dot(walk->w, to->ng);
         bool direct = walk->diffuse == 0 || (walk->diffuse == 1 && pdf_pw > 0), specular = material_is_specular(m);
         if (material_emits(m) && cos_light > 0 && (direct ? space->direct != DIRECT_EXCLUDED : !only_direct)) {
-            double share = 1;
+            BendLeft left = { 1, 1 };
             if (pdf_pw > 0) {
                 Vec3 d = sub(next->point.p, v->point.p);
                 double scattering_pdf_a = pdf_pw * cos_light * fabs(dot(walk->w, from->ng)) / dot(d, d);
-                share = scattering_pdf_a / (scattering_pdf_a + scene_light_preference(scene, &v->point, &next->point) * scene_light_pdf_a(scene, m));
-            } else if (!direct && walk->mode != MODE_NONE && space_bends(space, walk->joined)) share = bend_share_left(scene, next, walk->edges);
-            find(f, walk, scale(share, mul(walk->throughput, m->ke)), 0, direct);
+                left.share = scattering_pdf_a / (scattering_pdf_a + scene_light_preference(scene, &v->point, &next->point) * scene_light_pdf_a(scene, m));
+            } else if (!direct && walk->mode != MODE_NONE && space_bends(space, walk->joined)) left = bend_left(scene, next, walk->edges, rng);
+            find(f, walk, scale(left.share, mul(walk->throughput, m->ke)), left.times, 0, direct);
         }
         if (walk->edges == space->max_depth) return;
         walk->known = neg(walk->w);
@@ -173,7 +174,7 @@ static void walk_on(Found *f, Walk *walk)
             if (walk->branch && !roulette(walk, LEAF_LEAST, rng)) return;
             if (direct ? space->direct != DIRECT_EXCLUDED : !only_direct) {
                 const double random[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };
-                find(f, walk, mul(walk->throughput, sampled_light(space, &next->point, walk->known, direct ? f->numbers->light : random)), 1, direct);
+                find(f, walk, mul(walk->throughput, sampled_light(space, &next->point, walk->known, direct ? f->numbers->light : random)), 1, 1, direct);
             }
             if (!only_direct && space_bends(space, walk->joined)) {
                 const double random[3] = { rng_double(rng), rng_double(rng), rng_double(rng) };

@@ -287,7 +287,7 @@ static void compare_value(void *context, const Candidate *c)
     Values *v = context;
     if (!bdpt_path(v->bdpt, v->space, c->n_light, c->n_lens, v->path)) return;
     v->worst = fmax(v->worst, fabs(c->value / path_traced_value(v->space, v->path) - 1));
-    v->worst_joined = fmax(v->worst_joined, fabs(luminance(c->rgb) / path_bidirectional_value(v->space, v->path) - 1));
+    v->worst_joined = fmax(v->worst_joined, fabs(bdpt_value(v->bdpt, c) / path_bidirectional_value(v->space, v->path) - 1));
     v->n++;
     v->short_ones += v->path->k == 1;
 }
@@ -307,7 +307,7 @@ static void test_values(const Space *space)
 {
     Values v = { .bdpt = bdpt_new(), .space = space, .path = calloc(1, sizeof(Path)) };
     Rng rng = rng_new(seed, 99);
-    for (int i = 0; i < 5000; i++) bdpt_sample(v.bdpt, space, rng_double(&rng) * FILM, rng_double(&rng) * FILM, &rng, compare_value, &v);
+    for (int i = 0; i < 5000; i++) bdpt_sample(v.bdpt, space, rng_double(&rng) * FILM, rng_double(&rng) * FILM, BOTH_WAYS, &rng, compare_value, &v);
     printf("    value of a path to the path tracer, two ways, %d paths, %d of them of one edge: %.2g apart; to the bidirectional one: %.2g\n", v.n, v.short_ones,
            v.worst, v.worst_joined);
     CHECK(v.n > 1000 && v.short_ones > 0 && v.worst < 1e-9 && v.worst_joined < 1e-9);
@@ -341,7 +341,7 @@ static void test_bound(const Space *capped)
     for (int i = 0; i < 40000; i++) {
         const Numbers numbers = numbers_random(&rng);
         path_trace(&path, (uint32_t)i % FILM, (uint32_t)i / FILM % FILM, &numbers, &rng, trail, compare_bound, &by_path);
-        bdpt_sample(bdpt, &joined, rng_double(&rng) * FILM, rng_double(&rng) * FILM, &rng, compare_bound, &by_both);
+        bdpt_sample(bdpt, &joined, rng_double(&rng) * FILM, rng_double(&rng) * FILM, BOTH_WAYS, &rng, compare_bound, &by_both);
     }
     printf("    samples are worth at most %.15g and %.15g times the threshold, where %d and %d had been worth more\n", by_path.most, by_both.most, by_path.above,
            by_both.above);
@@ -568,7 +568,7 @@ static void test_bent_values(Space space, bool bidirectional, BentWalks bent)
     if (!bidirectional) v.trail = calloc(1, sizeof(Path));
     for (int i = 0; i < 5000; i++) {
         const Numbers numbers = numbers_random(&rng);
-        if (bidirectional) bdpt_sample(v.bdpt, &space, rng_double(&rng) * FILM, rng_double(&rng) * FILM, &rng, compare_share, &v);
+        if (bidirectional) bdpt_sample(v.bdpt, &space, rng_double(&rng) * FILM, rng_double(&rng) * FILM, BOTH_WAYS, &rng, compare_share, &v);
         else path_trace(&space, (uint32_t)i % FILM, (uint32_t)i / FILM % FILM, &numbers, &rng, v.trail, compare_share, &v);
     }
     printf("    share of a bent walk's path, told by the sampler and by the path: %d paths, %.2g apart\n", v.n, v.worst);
@@ -602,7 +602,7 @@ static Group unjoined_group(const Space *space, bool from_light, double most, in
         Caught c = { space, x, g.value[i], most };
         for (int j = 0; j < n; j++) {
             if (from_light) bend_from_light(space, x, &rng, add_caught, &c);
-            else bdpt_sample(bdpt, space, FILM * rng_double(&rng), FILM * rng_double(&rng), &rng, add_unjoined, g.value[i]);
+            else bdpt_sample(bdpt, space, FILM * rng_double(&rng), FILM * rng_double(&rng), BOTH_WAYS, &rng, add_unjoined, g.value[i]);
         }
         for (int v = 0; v < VALUES; v++) g.value[i][v] /= n;
     }
@@ -624,6 +624,51 @@ static void test_caught(void)
     Group samples = unjoined_group(&whole, false, INFINITY, n), caught = unjoined_group(&whole, true, INFINITY, 4 * n), much = unjoined_group(&whole, true, 1, 4 * n);
     agree("bidirectional samples, walks from the light", &samples, &caught, BY_TILES);
     disagree("guesses until the way is found again are not counted", &samples, &much, BY_TILES);
+    scene_free(&scene);
+}
+
+/* At the first glass one way, or both; and with a fault: each of both as if it were the only one. */
+typedef struct { const Bdpt *bdpt; const Space *space; Path *path /* NULL without the fault */; double *value; } Joined;
+static void add_joined(void *context, const Candidate *c)
+{
+    const Joined *j = context;
+    double times = 1;
+    if (j->path && bdpt_path(j->bdpt, j->space, c->n_light, c->n_lens, j->path)) times = 1 / path_first_chance(j->path->v[j->path->k - 1].s.q);
+    add_pixel(j->value, c->pixel % FILM, c->pixel / FILM, scale(times, c->rgb), 1);
+}
+
+static Group joined_group(const Space *space, FirstGlass glass, bool in_full, int n)
+{
+    Group g = { .runs = RUNS };
+    Bdpt *bdpt = bdpt_new();
+    Path *path = calloc(1, sizeof *path);
+    if (!CHECK(bdpt && path)) return g;
+    for (int i = 0; i < RUNS; i++) {
+        Rng rng = rng_new(seed, ((uint64_t)(glass == BOTH_WAYS ? 5 : 6) << 40) + (uint64_t)i);
+        Joined j = { bdpt, space, in_full ? path : NULL, g.value[i] };
+        for (int k = 0; k < n; k++) bdpt_sample(bdpt, space, FILM * rng_double(&rng), FILM * rng_double(&rng), glass, &rng, add_joined, &j);
+        for (int v = 0; v < VALUES; v++) g.value[i][v] /= n;
+    }
+    bdpt_free(bdpt);
+    free(path);
+    return g;
+}
+
+static void test_both_ways(void)
+{
+    Scene scene;
+    folder_write_text("basin.obj", basin_obj);
+    folder_write_text("basin.mtl", "newmtl wall\nKd 0.6 0.6 0.6\nnewmtl water\nillum 4\nNi 3\nnewmtl light\nKd 0 0 0\nKe 5 4 3\n");
+    folder_write_text("basin.cam", basin_cam);
+    if (!load(&scene, folder_path("basin.obj"))) return;
+    printf("the floor under what reflects much, both ways there\n");
+    int n = (int)(20000 * factor);
+    for (BentWalks bent = BENT_NONE; bent <= BENT_ALL; bent += BENT_ALL) {
+        Space whole = { .scene = &scene, .max_depth = 7, .direct = DIRECT_INCLUDED, .bent = bent };
+        Group one = joined_group(&whole, ONE_WAY, false, n), both = joined_group(&whole, BOTH_WAYS, false, n), full = joined_group(&whole, BOTH_WAYS, true, n);
+        agree(bent ? "bidirectional, one way, both ways, walks bent" : "bidirectional, one way, both ways", &one, &both, BY_TILES);
+        disagree("each of both ways counts in full", &one, &full, BY_TILES);
+    }
     scene_free(&scene);
 }
 
@@ -885,6 +930,7 @@ int main(int argc, char **argv)
     test_divided();
     test_spread();
     test_caught();
+    test_both_ways();
     test_met();
     test_primaries();
     test_stopped();
