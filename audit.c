@@ -374,7 +374,7 @@ static void sample_candidates(Lab *lab, Rng *rng)
     double px = rng_double(rng) * camera->width, py = rng_double(rng) * camera->height;
     lab->candidates = 0;
     lab->weight_sum = 0;
-    bdpt_sample(lab->bdpt, lab->space, px, py, ONE_WAY, rng, collect, lab);
+    bdpt_sample(lab->bdpt, lab->space, px, py, ONE_WAY, NULL, rng, collect, lab);
 }
 
 /* The largest cap with which one of KEEP samples still makes a start. */

@@ -97,11 +97,16 @@ static void join_bent(void *context, const Bent *bent)
 }
 
 /* The lens point and what it sees at (x, y). False if that is nothing. */
-static bool look(Bdpt *b, const Space *space, double x, double y, Rng *rng)
+static bool look(Bdpt *b, const Space *space, double x, double y, const Numbers *numbers, Rng *rng)
 {
     Path *p = &b->lens;
+    double disk[2] = { 0, 0 };
     p->k = MAX_EDGES;
     path_grow_to_light(space, p, p->k + 1, rng);
+    if (numbers) {
+        if (space->scene->camera.aperture > 0) disk_at(numbers->lens, disk);
+        camera_lens_at(&space->scene->camera, disk, &p->v[p->k].point);
+    }
     b->n_lens = 1;
     b->alpha[0] = b->plain[0] = b->counts = 1;
     b->beta[0] = 0;
@@ -133,8 +138,22 @@ static bool go_on(Bdpt *b, const Space *space, int j)
     return true;
 }
 
+/* Grows the lens subpath by one from its vertex j, by given numbers where that is the first which is not specular. */
+static bool grow_lens(Bdpt *b, const Space *space, int j, const Numbers *numbers, Rng *rng)
+{
+    Path *p = &b->lens;
+    int i = MAX_EDGES - j;
+    Vertex *v = &p->v[i], *next = v - 1;
+    double disk[2];
+    Vec3 w;
+    if (!numbers || b->lens_diffuse[j - 1] > 0 || material_is_specular(v->point.surface.material)) return path_grow_to_light(space, p, i, rng);
+    disk_at(numbers->scatter, disk);
+    next->mode = MODE_NONE;
+    return bsdf_sample_at(&v->point.surface, v->to_lens, disk, rng, &w, &v->mode) && scene_trace(space->scene, &v->point, w, &next->point) && path_edge(p, i - 1);
+}
+
 /* Grows the lens subpath on from its vertex j; walks that are bent on the way find their candidates at once. */
-static void trace_lens(Bdpt *b, const Space *space, int j, FirstGlass glass, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
+static void trace_lens(Bdpt *b, const Space *space, int j, FirstGlass glass, const Numbers *numbers, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
 {
     Path *p = &b->lens;
     for (; j < space->max_depth; j++) {
@@ -146,7 +165,7 @@ static void trace_lens(Bdpt *b, const Space *space, int j, FirstGlass glass, Rng
             p->v[i].mode = MODE_NONE;
             bend_walk(space->scene, &p->v[i], space->max_depth - j, p->v[i].to_lens, light, rng, join_bent, &bending);
         }
-        if (rng_double(rng) >= path_survival(&p->v[i].point) || !path_grow_to_light(space, p, i, rng) || !go_on(b, space, j)) return;
+        if (rng_double(rng) >= path_survival(&p->v[i].point) || !grow_lens(b, space, j, numbers, rng) || !go_on(b, space, j)) return;
         if (j == 1) b->counts = (glass == BOTH_WAYS ? p->v[i].s.q : 1) / path_first_chance(p->v[i].s.q);
     }
 }
@@ -310,14 +329,14 @@ static void join_all(Bdpt *b, const Space *space, int least_lens, Rng *rng, void
             if (counts(b, space, n_light, n_lens) && join(b, space, n_light, n_lens, rng, &c)) visit(context, &c);
 }
 
-void bdpt_sample(Bdpt *b, const Space *space, double x, double y, FirstGlass glass, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
+void bdpt_sample(Bdpt *b, const Space *space, double x, double y, FirstGlass glass, const Numbers *numbers, Rng *rng, void (*visit)(void *, const Candidate *), void *context)
 {
     if (space->scene->n_lights == 0) return;
     trace_light(b, space, rng);
-    if (look(b, space, x, y, rng)) trace_lens(b, space, 1, glass, rng, visit, context);
+    if (look(b, space, x, y, numbers, rng)) trace_lens(b, space, 1, glass, numbers, rng, visit, context);
     join_all(b, space, 1, rng, visit, context);
     if (glass == ONE_WAY || !turn(b, space, rng)) return;
-    trace_lens(b, space, 2, glass, rng, visit, context);
+    trace_lens(b, space, 2, glass, numbers, rng, visit, context);
     join_all(b, space, 3, rng, visit, context);
 }
 

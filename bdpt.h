@@ -2,7 +2,7 @@
  * A reference for the pictures, and the generator of seeds and of b. Knows no mutations. */
 #ifndef BDPT_H
 #define BDPT_H
-#include "path.h"
+#include "tracer.h"
 
 /* What light does on its way, by the specular vertices: caustics have one next to the light, and seen ones also one next to the lens. */
 typedef enum { CLASS_DIRECT, CLASS_DIFFUSE, CLASS_CAUSTIC, CLASS_CAUSTIC_SEEN, CLASS_SPECULAR, CLASSES } PathClass;
@@ -17,9 +17,9 @@ void bdpt_free(Bdpt *bdpt);
 typedef enum { ONE_WAY, BOTH_WAYS } FirstGlass;
 
 /* Traces one pair of subpaths, the lens one through raster position (x, y), and hands every candidate that carries light to 'visit'.
- * Of the REST it leaves out what is REACH_UNJOINED: the chains have seeds of those from elsewhere (run_meet).
+ * Of 'numbers', if not NULL, the lens's point is taken, and the direction in which the lens subpath's first vertex scatters that is not specular. Of the REST it leaves out what is REACH_UNJOINED: the chains have seeds of those from elsewhere (run_meet).
  * With (x, y) uniform over the film, the expectation of the sum of rgb over candidates in pixel j, times the number of pixels, is pixel j. */
-void bdpt_sample(Bdpt *bdpt, const Space *space, double x, double y, FirstGlass glass, Rng *rng, void (*visit)(void *context, const Candidate *), void *context);
+void bdpt_sample(Bdpt *bdpt, const Space *space, double x, double y, FirstGlass glass, const Numbers *numbers, Rng *rng, void (*visit)(void *context, const Candidate *), void *context);
 
 /* Of the candidate that is being visited. */
 PathClass bdpt_class(const Bdpt *bdpt, const Candidate *candidate);

@@ -20,7 +20,7 @@ static void sample(const Bootstrap *s, const Space *space, Bdpt *bdpt, uint64_t 
         own.divided = space;
     }
     *rng = rng_new(s->seed, s->stream + i);
-    bdpt_sample(bdpt, &own, even(s->offset_x, i, 0) * camera->width, even(s->offset_y, i, 1) * camera->height, BOTH_WAYS, rng, visit, context);
+    bdpt_sample(bdpt, &own, even(s->offset_x, i, 0) * camera->width, even(s->offset_y, i, 1) * camera->height, BOTH_WAYS, NULL, rng, visit, context);
 }
 
 bool bootstrap_new(Bootstrap *s, uint64_t n, uint64_t seed, uint64_t stream)

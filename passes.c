@@ -53,7 +53,7 @@ static void splat_candidate(void *context, const Candidate *c)
 static void sample_joined(Render *r, double x, double y, size_t pixel, Rng *rng)
 {
     Splat s = { .r = r, .rng = rng, .often = 1 };
-    bdpt_sample(r->bdpt, &r->joined_space, x, y, BOTH_WAYS, rng, splat_candidate, &s);
+    bdpt_sample(r->bdpt, &r->joined_space, x, y, BOTH_WAYS, NULL, rng, splat_candidate, &s);
     if (finite3(s.own)) splat_light(r, pixel, s.own);
 }
 
@@ -89,7 +89,7 @@ static bool sample_pixel(Render *r, uint32_t column, uint32_t row, uint64_t i, d
     if (r->settings->integrator != INTEGRATOR_BDPT && !(r->bidirectional && r->direct_joined))
         s.own = path_trace(&r->direct_space, column, row, &even_ones.named, rng, r->trail, visit_traced, &s);
     if (run_on_whole(r) && rng_index(rng, JOINED_STRIDE) == 0) sample_joined(r, x, y, pixel, rng);
-    if (r->bidirectional) bdpt_sample(r->bdpt, &r->joined_space, x, y, BOTH_WAYS, rng, splat_candidate, &s);
+    if (r->bidirectional) bdpt_sample(r->bdpt, &r->joined_space, x, y, BOTH_WAYS, &even_ones.named, rng, splat_candidate, &s);
     run_end_sample(r);
     if (!p->settled) p->cost[pixel] += (float)(*r->scene->rays - rays);
     if (s.out_of_memory) return false;

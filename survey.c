@@ -158,7 +158,7 @@ static void draw(Survey *s, Way way, double most, double until)
     if (c->n == 0) c->rng = rng_new(r->settings->seed, ((uint64_t)1 << 63) - 1 - (uint64_t)way);
     for (s->way = way; c->n < SURVEY || c->rays < most; c->n++) {
         if (c->n >= HASTY_SURVEY && clock_now() > until) break;
-        if (joins(way)) bdpt_sample(r->bdpt, space, rng_double(&c->rng) * camera->width, rng_double(&c->rng) * camera->height, BOTH_WAYS, &c->rng, survey_candidate, s);
+        if (joins(way)) bdpt_sample(r->bdpt, space, rng_double(&c->rng) * camera->width, rng_double(&c->rng) * camera->height, BOTH_WAYS, NULL, &c->rng, survey_candidate, s);
         else {
             const Numbers numbers = numbers_random(&c->rng);
             path_trace(space, rng_index(&c->rng, camera->width), rng_index(&c->rng, camera->height), &numbers, &c->rng, r->trail, survey_traced, s);

@@ -248,7 +248,7 @@ static inline Balance balance_run(const Space *space, Starts starts, Subject *su
             found->cap = starts.cap;
             found->sum = found->left_out = found->n = 0;
             double u = rng_double(&rng), v = rng_double(&rng);
-            bdpt_sample(bdpt, space, u * camera->width, v * camera->height, ONE_WAY, &rng, balance_collect, found);
+            bdpt_sample(bdpt, space, u * camera->width, v * camera->height, ONE_WAY, NULL, &rng, balance_collect, found);
             left_out += found->left_out;
             W = found->sum;
         }

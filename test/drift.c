@@ -78,7 +78,7 @@ int main(int argc, char **argv)
     for (int group = 0; group < GROUPS; group++) {
         for (uint64_t i = 0; i < per_group; i++) {
             double px = rng_double(&rng) * scene.camera.width, py = rng_double(&rng) * scene.camera.height;
-            bdpt_sample(bdpt, &space, px, py, BOTH_WAYS, &rng, visit, &light);
+            bdpt_sample(bdpt, &space, px, py, BOTH_WAYS, NULL, &rng, visit, &light);
         }
         close_block(&light, &sampled, (double)per_group);
     }

@@ -307,7 +307,7 @@ static void test_values(const Space *space)
 {
     Values v = { .bdpt = bdpt_new(), .space = space, .path = calloc(1, sizeof(Path)) };
     Rng rng = rng_new(seed, 99);
-    for (int i = 0; i < 5000; i++) bdpt_sample(v.bdpt, space, rng_double(&rng) * FILM, rng_double(&rng) * FILM, BOTH_WAYS, &rng, compare_value, &v);
+    for (int i = 0; i < 5000; i++) bdpt_sample(v.bdpt, space, rng_double(&rng) * FILM, rng_double(&rng) * FILM, BOTH_WAYS, NULL, &rng, compare_value, &v);
     printf("    value of a path to the path tracer, two ways, %d paths, %d of them of one edge: %.2g apart; to the bidirectional one: %.2g\n", v.n, v.short_ones,
            v.worst, v.worst_joined);
     CHECK(v.n > 1000 && v.short_ones > 0 && v.worst < 1e-9 && v.worst_joined < 1e-9);
@@ -341,7 +341,7 @@ static void test_bound(const Space *capped)
     for (int i = 0; i < 40000; i++) {
         const Numbers numbers = numbers_random(&rng);
         path_trace(&path, (uint32_t)i % FILM, (uint32_t)i / FILM % FILM, &numbers, &rng, trail, compare_bound, &by_path);
-        bdpt_sample(bdpt, &joined, rng_double(&rng) * FILM, rng_double(&rng) * FILM, BOTH_WAYS, &rng, compare_bound, &by_both);
+        bdpt_sample(bdpt, &joined, rng_double(&rng) * FILM, rng_double(&rng) * FILM, BOTH_WAYS, NULL, &rng, compare_bound, &by_both);
     }
     printf("    samples are worth at most %.15g and %.15g times the threshold, where %d and %d had been worth more\n", by_path.most, by_both.most, by_path.above,
            by_both.above);
@@ -568,7 +568,7 @@ static void test_bent_values(Space space, bool bidirectional, BentWalks bent)
     if (!bidirectional) v.trail = calloc(1, sizeof(Path));
     for (int i = 0; i < 5000; i++) {
         const Numbers numbers = numbers_random(&rng);
-        if (bidirectional) bdpt_sample(v.bdpt, &space, rng_double(&rng) * FILM, rng_double(&rng) * FILM, BOTH_WAYS, &rng, compare_share, &v);
+        if (bidirectional) bdpt_sample(v.bdpt, &space, rng_double(&rng) * FILM, rng_double(&rng) * FILM, BOTH_WAYS, NULL, &rng, compare_share, &v);
         else path_trace(&space, (uint32_t)i % FILM, (uint32_t)i / FILM % FILM, &numbers, &rng, v.trail, compare_share, &v);
     }
     printf("    share of a bent walk's path, told by the sampler and by the path: %d paths, %.2g apart\n", v.n, v.worst);
@@ -602,7 +602,7 @@ static Group unjoined_group(const Space *space, bool from_light, double most, in
         Caught c = { space, x, g.value[i], most };
         for (int j = 0; j < n; j++) {
             if (from_light) bend_from_light(space, x, &rng, add_caught, &c);
-            else bdpt_sample(bdpt, space, FILM * rng_double(&rng), FILM * rng_double(&rng), BOTH_WAYS, &rng, add_unjoined, g.value[i]);
+            else bdpt_sample(bdpt, space, FILM * rng_double(&rng), FILM * rng_double(&rng), BOTH_WAYS, NULL, &rng, add_unjoined, g.value[i]);
         }
         for (int v = 0; v < VALUES; v++) g.value[i][v] /= n;
     }
@@ -646,7 +646,7 @@ static Group joined_group(const Space *space, FirstGlass glass, bool in_full, in
     for (int i = 0; i < RUNS; i++) {
         Rng rng = rng_new(seed, ((uint64_t)(glass == BOTH_WAYS ? 5 : 6) << 40) + (uint64_t)i);
         Joined j = { bdpt, space, in_full ? path : NULL, g.value[i] };
-        for (int k = 0; k < n; k++) bdpt_sample(bdpt, space, FILM * rng_double(&rng), FILM * rng_double(&rng), glass, &rng, add_joined, &j);
+        for (int k = 0; k < n; k++) bdpt_sample(bdpt, space, FILM * rng_double(&rng), FILM * rng_double(&rng), glass, NULL, &rng, add_joined, &j);
         for (int v = 0; v < VALUES; v++) g.value[i][v] /= n;
     }
     bdpt_free(bdpt);

@@ -294,7 +294,7 @@ static void sampled_quarters(const Space *space, uint64_t n, double mean[QUARTER
         double u = rng_double(&rng), v = rng_double(&rng);
         found.n = 0;
         found.cap = INFINITY;
-        bdpt_sample(bdpt, space, u * space->scene->camera.width, v * space->scene->camera.height, ONE_WAY, &rng, balance_collect, &found);
+        bdpt_sample(bdpt, space, u * space->scene->camera.width, v * space->scene->camera.height, ONE_WAY, NULL, &rng, balance_collect, &found);
         Quarters q = { space, { 0 } };
         for (int c = 0; c < found.n; c++)
             if (bdpt_path(bdpt, space, found.all[c].n_light, found.all[c].n_lens, x)) record_quarter(&q, x, found.all[c].weight);

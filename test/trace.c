@@ -53,7 +53,7 @@ static void draw_film(FILE *out, Lab *lab)
     Rng rng = rng_new(3, 0);
     for (int i = 0; i < SAMPLES; i++) {
         double x = even(0, (uint64_t)i, 0) * FILM_WIDTH, y = even(0, (uint64_t)i, 1) * FILM_HEIGHT;
-        bdpt_sample(lab->bdpt, &all, x, y, BOTH_WAYS, &rng, add_light, tile);
+        bdpt_sample(lab->bdpt, &all, x, y, BOTH_WAYS, NULL, &rng, add_light, tile);
     }
     for (int i = 0; i < COLUMNS * LINES; i++) mean += tile[i] / (COLUMNS * LINES);
     for (int grey = 0; grey < GREYS; grey++) {
