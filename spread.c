@@ -8,13 +8,13 @@
  * states of its chains. All chains are of one length: were they longer where they begin at bright samples, they would carry more out of these
  * than they bring back. How many there are may depend on the sample: so many that what one carries is in proportion to the picture, or none, by
  * roulette, where the rest is small. [Cline, Talbot, Egbert 2005: energy redistribution] Samples are as bright as the picture on average, so that
- * is a bounded number of steps a sample, however rare and bright they are.
+ * is a bounded number of steps a sample, however rare and bright they are; the fewer, the longer its path is, for a step costs a ray for each edge.
  */
 #include "run.h"
 #include <stdlib.h>
 
 enum {
-    STEPS = 4,                     /* for each time that a sample is as bright as the picture */
+    EDGES = 12,                    /* in the chains' paths, together, for each time that a sample is as bright as the picture */
     LENGTH = 512,                  /* of a chain */
     MOST_CHAINS = 64               /* from one sample */
 };
@@ -58,7 +58,7 @@ bool run_spread(Render *r, const Candidate *c, double scale, Rng *rng)
     space.direct = DIRECT_ONLY;
     space.part = REST;
     double picture = (double)r->film[c->pixel].threshold / r->tau, rest = scale * luminance(c->rgb) * (1 - c->share) * (double)r->film[c->pixel].weight;
-    double chains = fmin(STEPS * (1 - c->share) * c->value / (picture * LENGTH), MOST_CHAINS);
+    double chains = fmin(EDGES * (1 - c->share) * c->value / (picture * LENGTH * (c->n_lens - 1)), MOST_CHAINS);
     Splats s = { .scale = rest / (chains * LENGTH) };
     int n = (int)(chains + rng_double(rng));
     if (n == 0) return true;
