@@ -427,6 +427,7 @@ static Group spread_group(const Scene *scene, int depth, int per_pixel, double h
                 add_pixel(g.value[i], x, y, vec3(light[0], light[1], light[2]), 1.0 / (per_pixel * FILM * FILM));
             }
         CHECK(handed > 0 ? s.spread > 100 : s.spread == 0);
+        for (size_t j = 0; j < r->pixels; j++) CHECK(r->passes.direct[j] == 0);    /* what is spread may be an outlier: it must not be taken for sure */
         CHECK(render_stats(r).bad_samples == 0);
         render_free(r);
     }
