@@ -2,7 +2,11 @@
 #include "bend.h"
 #include <string.h>
 
-enum { MOST_GUESSES = 1 << 20, LEAST_TIMES = 4 };
+enum {
+    MOST_GUESSES = 1 << 12,                    /* where chance brings what is missing */
+    MOST_ALONE = 1 << 20,                      /* where nothing does */
+    LEAST_TIMES = 4                            /* that a find may count, however well chance does */
+};
 
 /* What a way from v[d] carries to the direction 'known', all but 'times'. *searched is the chance with which it is followed up. False if it is nothing. */
 static bool carry_to_lamp(const Scene *scene, Vertex *v, int d, Vec3 known, Bent *out, double *searched)
@@ -103,9 +107,11 @@ static double count_guesses(const Scene *scene, const Vertex *v, int d, Vec3 kno
     return most + 1;
 }
 
-/* So many guesses are enough: with one more, what was found would count more often than what is met by chance. Nothing is lost by that (bend_left). */
+/* So many guesses are enough: with one more, what was found would count more often than what is met by chance. Nothing is lost by that (bend_left), nor by
+ * a bound of the work. */
 static double enough_guesses(const Bent *bent, double searched)
 {
+    if (!(bent->chance_pdf_a > 0)) return MOST_ALONE;
     double times = fmax(LEAST_TIMES, 1 + bent->pdf_a / bent->chance_pdf_a);
     return fmin(ceil(times * searched / bent->times), MOST_GUESSES);
 }
@@ -186,7 +192,7 @@ static bool carry_to_lens(const Scene *scene, Vertex *v, int d, Vec3 known, Bent
     SpecularWay way = specular_way(scene, v, d);
     SpecularChance chance = specular_chance(&way, pdf_w * guessed);
     *searched = chance.searched;
-    *out = (Bent){ .d = d, .chance_pdf_a = 0, .pdf_a = 1, .times = chance.nominal };       /* nothing else would bring what is missing */
+    *out = (Bent){ .d = d, .chance_pdf_a = 0, .times = chance.nominal };
     return isfinite(way.spread);
 }
 

@@ -14,7 +14,7 @@
 typedef struct {
     int d;
     Rgb rgb;                       /* f of all that lies between v[d] and the lamp, both included, over the lamp's area */
-    double chance_pdf_a, pdf_a;    /* densities over that area: of a walk from v[d] that goes on by chance; of bending it, nominally */
+    double chance_pdf_a, pdf_a;    /* densities over that area: of a walk from v[d] that goes on by chance (0: none does); of bending it, nominally */
     double times;                  /* f over the sum of these and all other techniques' densities counts so many times: what was found in spite of a small
                                       nominal chance counts little, what was found by a guess the more often, the rarer guesses lead there */
 } Bent;
