@@ -91,7 +91,7 @@ static bool same(const Vertex *a, const Vertex *b, int d)
     return true;
 }
 
-/* Guesses until one leads to the way v[d] .. v[0], in the direction 'known'; 'most' or more if none of so many does. */
+/* Guesses until one leads to the way v[d] .. v[0], in the direction 'known'; more than 'most' if none of so many does. */
 static double count_guesses(const Scene *scene, const Vertex *v, int d, Vec3 known, const Point *target, double most, Rng *rng)
 {
     Vertex again[MOST_SPECULAR + 2];

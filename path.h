@@ -93,7 +93,7 @@ static inline bool space_bends(const Space *space, bool joined) { return space->
 typedef struct {
     int n_light, n_lens;
     uint32_t pixel;
-    Rgb rgb;                   /* f / sum of the densities of all techniques (balance heuristic), whatever its share */
+    Rgb rgb;                   /* f / sum of the densities of all techniques (balance heuristic), whatever its share; in expectation, where a walk goes both ways at glass */
     double weight;             /* the same of the target f*: luminance times w(pixel), times the share */
     double value;              /* by which it is capped, if the space has a film: path_traced_value, or path_bidirectional_value */
     double share;              /* of f that the space holds */

@@ -14,7 +14,7 @@ enum {
     SPREAD_OVER = 100,             /* pixels over which chains spread a path that was met by chance, rather too few */
     MOST_ERROR = 32                /* of a second pilot over that of the first: rare paths may dominate it, of which it has had less than its share */
 };
-/* Samples of a path tracer fill their ranges evenly, and err less than their variance says. That matters where they are on their own (rays per ray of the
+/* Samples of a path tracer fill their ranges more evenly than others, and err less than their variance says. That matters where they are on their own (rays per ray of the
  * chains) and rivalled by bidirectional ones: chains' errors are foretold too low. */
 static const double ALONE = 20, EVEN = 0.7;
 /* So few samples hardly see the tails of what is met by chance alone, and of what guesses find. By the walks that are bent, the error counts so many times. */

@@ -579,36 +579,51 @@ static void test_bent_values(Space space, bool bidirectional, BentWalks bent)
     free(v.trail);
 }
 
-/* What can be joined nowhere, by walks from the light that are bent to the lens, and by bidirectional samples. */
-static void add_unjoined(void *context, const Candidate *c)
+/* A way of drawing samples by hand, and what may be wrong with it. */
+typedef struct {
+    const Space *space;
+    bool from_light, unjoined;     /* walks from the light that are bent to the lens; what can be joined nowhere alone */
+    FirstGlass glass;
+    double most;                   /* that a find counts; INFINITY, or a fault */
+    bool in_full;                  /* a fault: each of both ways at the first glass counts as if it were the only one */
+    Bdpt *bdpt;
+    Path *path;
+    double *value;
+} Draw;
+
+static void add_candidate(void *context, const Candidate *c)
 {
-    if (c->reach == REACH_UNJOINED) add_pixel(context, c->pixel % FILM, c->pixel / FILM, c->rgb, 1);
-}
-typedef struct { const Space *space; Path *x; double *value; double most; } Caught;
-static void add_caught(void *context, double times)
-{
-    const Caught *c = context;
-    if (path_reach(c->x) == REACH_UNJOINED)
-        add_pixel(c->value, c->x->pixel % FILM, c->x->pixel / FILM, scale(fmin(times, c->most) / bend_density(c->space, c->x), c->x->colour), 1);
+    const Draw *d = context;
+    double times = 1;
+    if (d->unjoined && c->reach != REACH_UNJOINED) return;
+    if (d->in_full && bdpt_path(d->bdpt, d->space, c->n_light, c->n_lens, d->path)) times = 1 / path_first_chance(d->path->v[d->path->k - 1].s.q);
+    add_pixel(d->value, c->pixel % FILM, c->pixel / FILM, scale(times, c->rgb), 1);
 }
 
-static Group unjoined_group(const Space *space, bool from_light, double most, int n)
+static void add_caught(void *context, double times)
+{
+    const Draw *d = context;
+    const Path *x = d->path;
+    if (path_reach(x) == REACH_UNJOINED) add_pixel(d->value, x->pixel % FILM, x->pixel / FILM, scale(fmin(times, d->most) / bend_density(d->space, x), x->colour), 1);
+}
+
+static Group drawn_group(Draw d, uint64_t stream, int n)
 {
     Group g = { .runs = RUNS };
-    Bdpt *bdpt = bdpt_new();
-    Path *x = calloc(1, sizeof *x);
-    if (!CHECK(bdpt && x)) return g;
+    d.bdpt = bdpt_new();
+    d.path = calloc(1, sizeof *d.path);
+    if (!CHECK(d.bdpt && d.path)) return g;
     for (int i = 0; i < RUNS; i++) {
-        Rng rng = rng_new(seed, ((uint64_t)(from_light ? 3 : 4) << 40) + (uint64_t)i);
-        Caught c = { space, x, g.value[i], most };
+        Rng rng = rng_new(seed, (stream << 40) + (uint64_t)i);
+        d.value = g.value[i];
         for (int j = 0; j < n; j++) {
-            if (from_light) bend_from_light(space, x, &rng, add_caught, &c);
-            else bdpt_sample(bdpt, space, FILM * rng_double(&rng), FILM * rng_double(&rng), BOTH_WAYS, NULL, &rng, add_unjoined, g.value[i]);
+            if (d.from_light) bend_from_light(d.space, d.path, &rng, add_caught, &d);
+            else bdpt_sample(d.bdpt, d.space, FILM * rng_double(&rng), FILM * rng_double(&rng), d.glass, NULL, &rng, add_candidate, &d);
         }
         for (int v = 0; v < VALUES; v++) g.value[i][v] /= n;
     }
-    bdpt_free(bdpt);
-    free(x);
+    bdpt_free(d.bdpt);
+    free(d.path);
     return g;
 }
 
@@ -622,37 +637,12 @@ static void test_caught(void)
     printf("the floor under water, walks from the light bent to the lens\n");
     Space whole = { .scene = &scene, .max_depth = 7, .direct = DIRECT_INCLUDED, .bent = BENT_ALL };
     int n = (int)(20000 * factor);
-    Group samples = unjoined_group(&whole, false, INFINITY, n), caught = unjoined_group(&whole, true, INFINITY, 4 * n), much = unjoined_group(&whole, true, 1, 4 * n);
+    Draw by_samples = { .space = &whole, .unjoined = true, .glass = BOTH_WAYS }, from_light = { .space = &whole, .from_light = true, .most = INFINITY }, once = from_light;
+    once.most = 1;
+    Group samples = drawn_group(by_samples, 4, n), caught = drawn_group(from_light, 3, 4 * n), much = drawn_group(once, 3, 4 * n);
     agree("bidirectional samples, walks from the light", &samples, &caught, BY_TILES);
     disagree("guesses until the way is found again are not counted", &samples, &much, BY_TILES);
     scene_free(&scene);
-}
-
-/* At the first glass one way, or both; and with a fault: each of both as if it were the only one. */
-typedef struct { const Bdpt *bdpt; const Space *space; Path *path /* NULL without the fault */; double *value; } Joined;
-static void add_joined(void *context, const Candidate *c)
-{
-    const Joined *j = context;
-    double times = 1;
-    if (j->path && bdpt_path(j->bdpt, j->space, c->n_light, c->n_lens, j->path)) times = 1 / path_first_chance(j->path->v[j->path->k - 1].s.q);
-    add_pixel(j->value, c->pixel % FILM, c->pixel / FILM, scale(times, c->rgb), 1);
-}
-
-static Group joined_group(const Space *space, FirstGlass glass, bool in_full, int n)
-{
-    Group g = { .runs = RUNS };
-    Bdpt *bdpt = bdpt_new();
-    Path *path = calloc(1, sizeof *path);
-    if (!CHECK(bdpt && path)) return g;
-    for (int i = 0; i < RUNS; i++) {
-        Rng rng = rng_new(seed, ((uint64_t)(glass == BOTH_WAYS ? 5 : 6) << 40) + (uint64_t)i);
-        Joined j = { bdpt, space, in_full ? path : NULL, g.value[i] };
-        for (int k = 0; k < n; k++) bdpt_sample(bdpt, space, FILM * rng_double(&rng), FILM * rng_double(&rng), glass, NULL, &rng, add_joined, &j);
-        for (int v = 0; v < VALUES; v++) g.value[i][v] /= n;
-    }
-    bdpt_free(bdpt);
-    free(path);
-    return g;
 }
 
 static void test_both_ways(void)
@@ -666,7 +656,9 @@ static void test_both_ways(void)
     int n = (int)(20000 * factor);
     for (BentWalks bent = BENT_NONE; bent <= BENT_ALL; bent += BENT_ALL) {
         Space whole = { .scene = &scene, .max_depth = 7, .direct = DIRECT_INCLUDED, .bent = bent };
-        Group one = joined_group(&whole, ONE_WAY, false, n), both = joined_group(&whole, BOTH_WAYS, false, n), full = joined_group(&whole, BOTH_WAYS, true, n);
+        Draw one_way = { .space = &whole, .glass = ONE_WAY }, both_ways = { .space = &whole, .glass = BOTH_WAYS }, in_full = both_ways;
+        in_full.in_full = true;
+        Group one = drawn_group(one_way, 6, n), both = drawn_group(both_ways, 5, n), full = drawn_group(in_full, 5, n);
         agree(bent ? "bidirectional, one way, both ways, walks bent" : "bidirectional, one way, both ways", &one, &both, BY_TILES);
         disagree("each of both ways counts in full", &one, &full, BY_TILES);
     }
