@@ -407,6 +407,7 @@ void run_learn(Render *r)
     bool pilot = run_on_whole(r);              /* whose picture the survey needs */
     float *local = malloc((pilot ? 3 : 1) * r->pixels * sizeof *local), *plain = local && pilot ? local + r->pixels : NULL;
     double mean, sampled = 0, chain = 0, chain_energy = 0;   /* the last three relative to the picture, summed over values */
+    double chain_by_weight = 0;                /* summed over pixels, by the weights that the rounds had */
     r->learned = (double)*r->scene->rays;
     if (r->passes.first) run_evenness(r);
     if (!local || !learn_brightness(r, local, plain, &mean)) {    /* goes on with what it knew */
@@ -428,6 +429,8 @@ void run_learn(Render *r)
                     chain += e.chain_variance[i] * inverse;
                     chain_energy += e.chain[i] * e.chain[i] * inverse;
                 }
+                Rgb error = { sqrt(e.chain_variance[0]), sqrt(e.chain_variance[1]), sqrt(e.chain_variance[2]) };
+                if (r->has_chain) chain_by_weight += pow((double)r->film[pixel].weight * luminance(error), 2);
                 /* pixels in proportion to their relative error: w ~ 1/picture, floored so that none starves */
                 if (r->has_chain) r->film[pixel].weight = (float)(mean / (typical + 0.05 * mean));
                 if (pilot) {
@@ -445,6 +448,8 @@ void run_learn(Render *r)
             double per_variance = chain_energy / (r->b_sum * r->b_sum), by_met = r->met_variance_sum * per_variance, by_b = r->b_variance_sum * per_variance - by_met;
             double others = fmax(chain - by_met, 0.1 * chain);
             if (r->has_direct && !pilot) r->direct_share = best_share(sampled + by_met, r->passes.rays, others, chain_rays, 0.02, run_most_share(r));
+            double apart = pow(all.per_step * (r->steps_sum + r->round.steps) / r->steps_sum, 2) * r->apart_sum;
+            if (chain_by_weight > 0) r->persistence = fmin(fmax(1 - apart / chain_by_weight, 0), 1);
             /* but b is not all: of few bootstrap samples a heavy one begins so many chains that its pixel is too bright */
             r->start_share = best_share(by_b, r->stats.start_rays, fmax(chain - by_b, 0.1 * chain), r->stats.chain_rays, 0.05, 2);
         }

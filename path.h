@@ -59,7 +59,8 @@ typedef enum { DIRECT_INCLUDED, DIRECT_EXCLUDED, DIRECT_ONLY } DirectClass;
 typedef struct {
     float weight;                  /* w of the two-stage target */
     float threshold;               /* the largest luminance that an independent sample of one path may have, where f is divided */
-    double sum[3];                 /* recorded by the chains; not for the space */
+    float halves;                  /* weights of states recorded in the first halves of chains, less those in the second; like sum[], not for the space */
+    double sum[3];                 /* recorded by the chains */
 } Pixel;
 
 /* The integrand as a whole, or divided between independent samples and chains: of a path whose estimate by a sample (path_traced_value or

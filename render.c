@@ -29,6 +29,7 @@ enum {
     LEAST_PASSES = 6,              /* of samples that a run with chains must have time for */
     ALIKE_PASSES = 8,              /* of samples before it is settled which pixels are to have more */
     ROW_SHARE = 64,                /* of the film's rows are sampled in a round at least */
+    MOST_A_SEED = 16,              /* chains */
     SLICE = 16384,                 /* steps between two looks at the clock */
     STREAM_BITS = 40               /* of a random stream's number, below the round's */
 };
@@ -130,16 +131,18 @@ static bool one_pass(Render *r)
 
 static void clear_film(Render *r)
 {
-    for (size_t i = 0; i < r->pixels; i++) memset(r->film[i].sum, 0, sizeof r->film[i].sum);
+    for (size_t i = 0; i < r->pixels; i++) r->film[i] = (Pixel){ .weight = r->film[i].weight, .threshold = r->film[i].threshold };
 }
 
 static void splat_path(void *context, const Path *path, double weight)
 {
     Render *r = context;
-    double *sum = r->film[path->pixel].sum, scale = weight * path->share / path->chi;
+    Pixel *pixel = &r->film[path->pixel];
+    double *sum = pixel->sum, scale = weight * path->share / path->chi;
     sum[0] += scale * path->colour.x;
     sum[1] += scale * path->colour.y;
     sum[2] += scale * path->colour.z;
+    pixel->halves += (float)(r->half * weight);
 }
 
 /* Where the number of chains was asked for: of these in a round, *left in it and those after it. */
@@ -161,15 +164,23 @@ static double round_share(const Render *r)
     return chains / left;
 }
 
-/* How many chains share a round's steps: as many as it is likely to have seeds that are worth one, for chains from the same heavy
- * seed would walk the same ground, and one long chain gets further than they. Likely by earlier rounds: were it this one's own, the
- * chains' length would depend on the weights, and the expectation would no longer be exact. */
+/* How many chains share a round's steps: half as many as it is likely to have seeds that are worth one, for chains from the same heavy
+ * seed would walk the same ground, and one long chain gets further than they. But where chains hardly get away from their seeds, so many that all
+ * seeds have their due. Likely by earlier rounds: were it this one's own, the chains' length would depend on the weights, and the expectation would no
+ * longer be exact. */
 static double chain_number(const Render *r)
 {
     const Settings *s = r->settings;
     double steps = r->round.planned, seeds = r->seeds > 0 ? r->seeds : 128;
     if (s->chains > 0) return fmax(1, fmin(steps, r->rounds <= PILOTS ? ceil((double)s->chains / ROUNDS) : asked_chains(r, r->rounds - 1)));
-    return floor(fmin(fmax(0.5 * seeds, 8), fmax(1, steps / 64)));
+    double a_seed = fmin(0.5 / (1 - r->persistence), MOST_A_SEED);
+    return floor(fmin(fmax(a_seed * seeds, 8), fmax(1, steps / 64)));
+}
+
+/* Of the chain under way: its share of the steps, so that all together are exactly as planned. */
+static double chain_length(const Round *round)
+{
+    return floor(round->planned * (round->chain + 1) / round->chains) - floor(round->planned * round->chain / round->chains);
 }
 
 /* 1 / (sum of squared shares of the weight) */
@@ -273,12 +284,11 @@ static bool run_round(Render *r)
     /* the first slice is done whatever the clock says: without it there would be no picture of what is left to chains */
     while (round->chain < round->chains && going(r) && (round->steps == 0 || in_time(r, round->deadline)) && r->steps_sum + round->steps < total) {
         if (round->left == 0) {
-            /* a chain's share of the steps, so that all together are exactly as planned */
-            double c = round->chain;
-            round->left = floor(round->planned * (c + 1) / round->chains) - floor(round->planned * c / round->chains);
-            round->rng = rng_new(seed, stream + ((uint64_t)1 << (STREAM_BITS - 1)) + (uint64_t)c);
+            uint64_t c = (uint64_t)round->chain;
+            round->left = chain_length(round);
+            round->rng = rng_new(seed, stream + ((uint64_t)1 << (STREAM_BITS - 1)) + c);
             r->stats.chain.rejection = 0;
-            double u = even(offset, (uint64_t)c, 0) * round->b;
+            double u = even(offset, c, 0) * round->b;
             if (u >= boot.b && round->b > boot.b) run_met_seed(r, (u - boot.b) / (round->b - boot.b), r->x);
             else if (!bootstrap_seed(&boot, &r->chain_space, r->bdpt, u / boot.b, r->x)) {
                 double rest = r->settings->seconds > 0 ? ceil(r->rate * fmax(0, round->deadline - clock_now())) : INFINITY;
@@ -286,7 +296,8 @@ static bool run_round(Render *r)
                 break;
             }
         }
-        double n = fmin(round->left, SLICE);
+        double second = floor(chain_length(round) / 2), n = fmin(round->left > second ? round->left - second : round->left, SLICE);
+        r->half = round->left > second ? 1 : -1;
         before = *rays;
         chain_run(&r->chain_space, &r->sampler, r->x, r->y, (uint64_t)n, &round->rng, splat_path, r, &r->stats.chain);
         round->steps += n;
@@ -310,7 +321,7 @@ void run_close_chains(Render *r)
 {
     double n = r->round.steps;
     if (n > 0) {
-        double scale = r->round.b * (double)r->pixels / n, light[TILES_ACROSS * TILES_ACROSS] = { 0 };
+        double scale = r->round.b * (double)r->pixels / n, light[TILES_ACROSS * TILES_ACROSS] = { 0 }, apart = 0;
         size_t values[TILES_ACROSS * TILES_ACROSS] = { 0 };
         size_t i = 0;
         for (uint32_t y = 0; y < r->scene->camera.height; y++)
@@ -318,6 +329,7 @@ void run_close_chains(Render *r)
                 const Pixel *pixel = &r->film[i / 3];
                 uint32_t tile = run_tile(r, x, y);
                 values[tile] += 3;
+                apart += pow(scale * (double)pixel->halves, 2);
                 for (int channel = 0; channel < 3; channel++, i++) {
                     double value = scale * pixel->sum[channel];
                     r->sum[i] += n * value;
@@ -331,6 +343,7 @@ void run_close_chains(Render *r)
             r->tile[t].square += n * value * value;
             r->tile[t].largest = fmax(r->tile[t].largest, n * value);
         }
+        r->apart_sum += n * n * apart;
         r->steps_sum += n;
         r->steps_square += n * n;
         r->b_sum += n * r->round.b;
@@ -351,7 +364,7 @@ static void forget_chains(Render *r)
     clear_film(r);
     memset(r->tile, 0, sizeof r->tile);
     memset(r->stats.found, 0, sizeof r->stats.found);
-    r->steps_sum = r->steps_square = r->b_sum = r->b_variance_sum = r->met_variance_sum = 0;
+    r->steps_sum = r->steps_square = r->b_sum = r->b_variance_sum = r->met_variance_sum = r->apart_sum = 0;
     r->seeds = 0;
     r->relative_error = NAN;
     r->stats.bootstrap_samples = r->stats.bootstrap_hits = 0;

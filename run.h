@@ -36,7 +36,7 @@ typedef struct {
 
 /* Paths that the independent samples of this round have met and, by their values, left to the chains, and that no bootstrap looks for: sums over samples
  * of their weights f* over the density of one sample, and of squares; and of their light by classes. */
-enum { SEEDS = 64 };
+enum { SEEDS = 256 };
 typedef struct {
     double rows, rays;             /* rows of pixels sampled meanwhile */
     double hits, sum, square, now; /* now: of the sample under way */
@@ -105,6 +105,8 @@ struct Render {
     Image *early;                  /* the picture that the first pilot has made, until there is one of the divided integrand; else NULL */
     double *sum, *square;          /* [pixels][3] */
     double steps_sum, steps_square;/* over finished rounds: of steps, and of steps^2 */
+    double apart_sum;              /* over finished rounds, of steps^2 * the square of what the halves of chains differ by, relative to the picture */
+    double persistence;            /* of the chains' error, what both halves of all chains share: 1 where chains never get away from their seeds */
     double b_sum, b_variance_sum;  /* over rounds: of steps * b, and of steps^2 * variance of b */
     double met_variance_sum;       /* that part of it which does not come from bootstraps */
     Tile tile[TILES_ACROSS * TILES_ACROSS];
@@ -115,6 +117,7 @@ struct Render {
     double start_share;            /* rays of the bootstrap per ray of the chains */
     double samples_per_step;       /* bootstrap samples that cost the rays of one step */
     double rays_per_step;          /* of the chains; 0 where they have found nothing */
+    double half;                   /* 1 in the first half of a chain, -1 in the second */
     double seeds;                  /* worth a chain of their own, in the last round; 0 while unknown */
     double tau;                    /* thresholds are so many times the picture; 0 while the integrand is whole */
     Surveyed surveyed;

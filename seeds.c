@@ -34,8 +34,11 @@ static void keep(Render *r, const Candidate *c, double light, double weight, Pat
     m->now += weight;
     m->found[class].now += light;
     double log_kept = log1p(-weight / m->sum);
+    bool evaluated = !c;
     for (double i = floor(log(1 - rng_double(rng)) / log_kept); i < SEEDS; i += 1 + floor(log(1 - rng_double(rng)) / log_kept)) {
-        if (!c || evaluate(r, c)) path_copy(&m->seed[(int)i], r->x);
+        if (!evaluated && !evaluate(r, c)) return;
+        evaluated = true;
+        path_copy(&m->seed[(int)i], r->x);
     }
 }
 

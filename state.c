@@ -71,7 +71,7 @@ static uint64_t identity(const Scene *scene, const Settings *s)
     return h;
 }
 
-static const char MAGIC[] = "MLTRUND\n";            /* the number changes with what is kept */
+static const char MAGIC[] = "MLTRUNE\n";            /* the number changes with what is kept */
 
 typedef struct {
     char magic[8];
@@ -141,7 +141,7 @@ static void pass_state(Stream *s, Render *r)
     pass(s, &r->passes.evenness, sizeof r->passes.evenness);
     pass(s, r->scene->rays, sizeof *r->scene->rays);
     double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share,
-                          &r->samples_per_step, &r->seeds, &r->rays_per_step, &r->met_variance_sum, &r->relative_error, &r->learned,
+                          &r->samples_per_step, &r->seeds, &r->persistence, &r->apart_sum, &r->rays_per_step, &r->met_variance_sum, &r->relative_error, &r->learned,
                           &r->tau, &r->whole_error, &r->left, &r->passes.cut, &r->passes.cut_square };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
     uint64_t divided = r->chain_space.part != WHOLE;
