@@ -20,6 +20,9 @@ typedef struct {
     uint64_t bootstrap, chains;    /* totals over the run; 0 = the program chooses */
 } Settings;
 
+/* A cap above all values: independent samples have all light, and the chains none. */
+#define ALL_KEPT 0x1p40
+
 typedef struct {
     double seconds_start, seconds_direct, seconds_chain;
     uint64_t mutations;            /* for path and bdpt: samples */
@@ -29,7 +32,7 @@ typedef struct {
     uint64_t bad_samples;
     uint64_t bootstrap_samples, bootstrap_hits;
     struct { uint64_t hits; double weight, square; } found[CLASSES];   /* samples that found such paths, for seeds; sums of their light and its squares */
-    double tau;                    /* independent samples are worth so many times the picture at most; 0 while the integrand is whole, INFINITY if the run is
+    double tau;                    /* independent samples are worth so many times the picture at most; 0 while the integrand is whole, ALL_KEPT, INFINITY if the run is
                                       too short for chains */
     bool bidirectional;            /* those of indirect light are a bidirectional path tracer's */
     BentWalks bent;                /* which of their walks are bent through specular vertices (bend.h) */

@@ -61,7 +61,7 @@ typedef struct { double sum, square, largest; } Tile;
 
 /* Who could have the easy part: a path tracer or a bidirectional one, and which of their walks are bent (+ BentWalks). */
 typedef enum { TRACED, JOINED = BENDINGS, WAYS = 2 * BENDINGS } Way;
-enum { CUTS = 18 };                /* tau that are weighed */
+enum { CUTS = 19 };                /* tau that are weighed, the last ALL_KEPT */
 
 /* What the survey has drawn. Sums of squares of values, or of what stands for them, and of their squares: */
 typedef struct { double sum, square; } Moment;

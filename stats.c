@@ -70,19 +70,20 @@ void stats_print(FILE *file, const char *name, const Scene *scene, const RenderS
             (unsigned)scene->camera.width, (unsigned)scene->camera.height);
     fprintf(file, "seconds: %.2f load, %.2f tree, %.2f start, %.2f samples, %.2f chains; %.2f in all; %.0f MB at most\n", scene->seconds_load, scene->seconds_build,
             s->seconds_start, s->seconds_direct, s->seconds_chain, cost->seconds_total, cost->peak_bytes / 1e6);
-    if (s->mutations == 0) return;
-    fprintf(file, "%" PRIu64 " %s, %.3g a second, %.3g rays each; %" PRIu64 " rays\n", s->mutations, cost->chains ? "mutations" : "samples",
+    if (s->mutations > 0) fprintf(file, "%" PRIu64 " %s, %.3g a second, %.3g rays each; %" PRIu64 " rays\n", s->mutations, cost->chains ? "mutations" : "samples",
             cost->per_second, cost->rays_each, s->rays);
-    if (cost->chains)
+    if (cost->chains && s->mutations > 0)
         fprintf(file, "b = %.6g +- %.2g from %" PRIu64 " samples, of which %" PRIu64 " found light; longest run of rejections %" PRIu64 "\n",
                 s->b, s->b_stderr, s->bootstrap_samples, s->bootstrap_hits, s->chain.longest_rejection);
-    if (cost->chains && s->tau > 0 && isfinite(s->tau))
-        fprintf(file, "%s samples%s keep up to %g times the picture's own value; the chains bring %.2g %% of the light\n",
-                s->bidirectional ? "bidirectional" : "path tracer's", s->bent ? ", whose walks are bent to meet lamps," : "", s->tau, 100 * s->chain_part);
-    if (s->tiles_disagreeing == 0 && isfinite(s->effective_samples))
+    if (cost->chains && s->tau > 0 && isfinite(s->tau)) {
+        fprintf(file, "%s samples%s keep ", s->bidirectional ? "bidirectional" : "path tracer's", s->bent ? ", whose walks are bent to meet lamps," : "");
+        if (s->tau == ALL_KEPT) fputs("all light, for they do better here than chains\n", file);
+        else fprintf(file, "up to %g times the picture's own value; the chains bring %.2g %% of the light\n", s->tau, 100 * s->chain_part);
+    }
+    if (s->tiles_disagreeing == 0 && s->tiles > 0 && isfinite(s->effective_samples))
         fprintf(file, "rounds: %u agree in all of %u tiles, of which the worst is off by %.2g %%; the chains are worth %.3g independent paths\n",
                 (unsigned)s->rounds, (unsigned)s->tiles, 100 * s->largest_tile_error, s->effective_samples);
-    if (cost->chains) fputs("strategy     proposed      zero  accepted   zero because\n", file);
+    if (cost->chains && s->mutations > 0) fputs("strategy     proposed      zero  accepted   zero because\n", file);
     for (int i = 0; i < MUTATIONS; i++) {
         double n = (double)s->chain.row[i].proposed, zero = (double)s->chain.row[i].zero;
         if (n == 0) continue;

@@ -2,7 +2,7 @@
 #include "run.h"
 
 enum {
-    FIRST_CUT = -8,                /* tau that are weighed: 2^-8 .. 2^9 times the picture's own value */
+    FIRST_CUT = -8,                /* tau that are weighed: 2^-8 .. 2^9 times the picture's own value, and ALL_KEPT */
     SURE_CUTS = 14,                /* .. 2^5 whatever the survey has seen above them */
     LEAST_ABOVE = 32,              /* paths that it must have seen above a higher one */
     SURVEY = 4000,                 /* samples for that, of each kind, at least, */
@@ -19,6 +19,9 @@ enum {
 static const double ALONE = 20, EVEN = 0.7;
 /* So few samples hardly see the tails of what is met by chance alone, and of what guesses find. By the walks that are bent, the error counts so many times. */
 static const double DOUBT[BENDINGS] = { 1.25, 1, 1.5 };
+/* Of the chains' error where none of them gets away from its seed: so much a pilot, which has few of them, does not foretell; and from what
+ * persistence on that is so. */
+static const double NOT_FORETOLD = 0.5, STUCK = 0.75;
 static const double SURVEY_SHARE = 0.5, SURVEY_RAYS = 4e6;     /* of each kind such a share of the rays of the pilot's chains, up to so many */
 static const double SURVEY_TIME = 0.25;    /* of what is left of a run's time, for all kinds */
 
@@ -27,7 +30,7 @@ void run_divide(Render *r)
 {
     r->direct_space.direct = r->bidirectional ? DIRECT_ONLY : DIRECT_INCLUDED;
     r->direct_space.part = CAPPED;
-    r->direct_space.seen = isinf(r->tau) ? 1 : SEEN_MOST / r->tau;
+    r->direct_space.seen = r->tau >= ALL_KEPT ? 1 : SEEN_MOST / r->tau;
     r->direct_space.bidirectional = r->chain_space.bidirectional = r->bidirectional;
     r->direct_space.bent = r->chain_space.bent = r->bent;
     r->joined_space = r->direct_space;
@@ -55,7 +58,7 @@ typedef struct {
     Surveyed *sum;
 } Survey;
 
-static double tau_of(int i) { return ldexp(1, FIRST_CUT + i); }
+static double tau_of(int i) { return i == CUTS - 1 ? ALL_KEPT : ldexp(1, FIRST_CUT + i); }
 static double kept(double value, double tau) { return value > tau ? tau / value : 1; }
 
 /* 'seeds' are the path's values to the samples that seeds come from, of either kind. */
@@ -246,13 +249,16 @@ void run_survey(Render *r)
         if (way == JOINED && r->direct_share > ALONE) best *= EVEN;
         for (int i = 0; i < CUTS && sum->capped[way].n > 0; i++) {
             double left = told->left[i] / told->indirect;
-            if ((i > 0 && !(left > 0)) || (i >= SURE_CUTS && told->above[i] < LEAST_ABOVE)) break;   /* so few samples cannot tell that nothing is left */
-            bool direct_joined;
+            bool keeps_all = i == CUTS - 1, direct_joined;
+            /* so few samples cannot tell that nothing is left, nor how bright the rare is that chains would spread, if they got away from their seeds */
+            if (keeps_all ? told->above[SURE_CUTS - 1] < LEAST_ABOVE && r->persistence < STUCK
+                          : (i > 0 && !(left > 0)) || (i >= SURE_CUTS && told->above[i] < LEAST_ABOVE)) continue;
             double path = sqrt(way_cost(sum, way, i, !r->scene->has_specular, &direct_joined)), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
             /* the scale of all that chains bring is that of their seeds */
             BentWalks from = !joins(way) && r->scene->has_specular && of_seeds(sum, way, i, BENT_ALL) < 0.8 * of_seeds(sum, way, i, bends(way)) ? BENT_ALL : bends(way);
             double seeds = sqrt(of_seeds(sum, way, i, from) / (double)r->pixels);
             double both = together(path, rest + seeds, least) * DOUBT[bends(way)];
+            if (keeps_all) both *= 1 - NOT_FORETOLD * r->persistence * r->persistence;
             /* a higher cap has to promise something; where chains hardly matter, to cost nothing */
             if (both >= (path > ALONE * rest && way == chosen && i < SURE_CUTS ? 1.02 : 0.98) * best) continue;
             best = fmin(both, best);
