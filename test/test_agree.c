@@ -795,6 +795,55 @@ static void test_stopped(void)
     scene_free(&scene);
 }
 
+/* ---- how far chains get ---- */
+
+/* What a run says of rounds that have, in a share of the pixels, left the same in both halves of their chains, and in the others what knows nothing of it. */
+static double persistence_of(const Scene *scene, double share, uint64_t stream)
+{
+    enum { ROUNDS = 100, STEPS = 1000 };
+    const Settings settings = { .integrator = INTEGRATOR_MLT, .direct = LIGHT_CHAIN, .max_depth = 8, .strategies = ~0u };
+    Render *r = render_new(scene, &settings);
+    Rng rng = rng_new(seed, stream);
+    if (!CHECK(r != NULL)) return NAN;
+    r->pilot = false;
+    for (int round = 0; round < ROUNDS; round++) {
+        for (size_t i = 0; i < r->pixels; i++) {
+            double first = -log(1 - rng_double(&rng)), second = (double)i < share * (double)r->pixels ? first : -log(1 - rng_double(&rng));
+            r->film[i].halves = (float)(first - second);
+            for (int c = 0; c < 3; c++) r->film[i].sum[c] = first + second;
+        }
+        r->round.steps = STEPS;
+        r->round.b = 1;
+        run_close_chains(r);
+    }
+    run_learn(r);
+    double persistence = r->persistence;
+    render_free(r);
+    return persistence;
+}
+
+/* In the pixels that are alike the variance of the sum is 4, of the difference 0; in the others both are 2. And chains do tell: in a few steps they do not
+ * get far, in thirty thousand all over the film. */
+static void test_persistence(void)
+{
+    Scene scene;
+    if (!load(&scene, "scenes/cornell.obj")) return;
+    CHECK_NEAR(persistence_of(&scene, 0, 1), 0, 0.05);
+    CHECK_NEAR(persistence_of(&scene, 0.5, 2), 2.0 / 3, 0.05);
+    CHECK_NEAR(persistence_of(&scene, 1, 3), 1, 1e-6);
+    double persistence[2];
+    for (int longer = 0; longer < 2; longer++) {
+        Settings s = { .direct = LIGHT_NONE, .max_depth = 8, .strategies = ~0u, .seed = seed, .per_pixel = 2000, .chains = longer ? 16 : 51200 };
+        Render *r = render_new(&scene, &s);
+        if (!CHECK(r && render_run(r, always, NULL))) return;
+        persistence[longer] = r->persistence;
+        render_free(r);
+    }
+    printf("persistence, cornell: chains of 10 steps %.2f, of 32000 %.2f\n", persistence[0], persistence[1]);
+    CHECK(persistence[0] > persistence[1] + 0.2);
+    scene_free(&scene);
+}
+
 /* ---- the furnace ---- */
 
 static void test_furnace(void)
@@ -927,6 +976,7 @@ int main(int argc, char **argv)
     test_met();
     test_primaries();
     test_stopped();
+    test_persistence();
     test_furnace();
     test_found();
     test_estimated();

@@ -70,6 +70,44 @@ look 0 0.9 0
 fov 40
 size 24 16
 END
+cat >mirrors.mtl <<'END'
+newmtl mirror
+illum 3
+Ks 0.9 0.9 0.9
+END
+cat room.mtl >>mirrors.mtl
+# a small lamp over a table in a room of mirrors
+cat >mirrors.obj <<'END'
+mtllib mirrors.mtl
+v -1 0 -1
+v -1 0 1
+v 1 0 1
+v 1 0 -1
+v -1 2 -1
+v -1 2 1
+v 1 2 1
+v 1 2 -1
+v -0.1 1.9 -0.1
+v 0.1 1.9 -0.1
+v 0.1 1.9 0.1
+v -0.1 1.9 0.1
+v -0.4 0.6 -0.4
+v -0.4 0.6 0.4
+v 0.4 0.6 0.4
+v 0.4 0.6 -0.4
+usemtl mirror
+f 1 2 3 4
+f 5 8 7 6
+f 1 4 8 5
+f 2 6 7 3
+f 1 5 6 2
+f 4 3 7 8
+usemtl lamp
+f 9 10 11 12
+usemtl white
+f 13 14 15 16
+END
+printf 'eye 0 1.2 0.9\nlook 0 0.8 -1\nfov 60\nsize 24 16\n' >mirrors.cam
 sed '/usemtl lamp/,$d' room.obj >dark.obj              # no light
 cp room.obj blind.obj                                  # a light that the camera cannot see: all is behind it
 printf 'eye 0 1 4\nlook 0 1 9\nsize 24 16\n' >blind.cam
@@ -400,6 +438,20 @@ for options in '' '--direct chain' '--integrator path'; do
     expect 0 compare out/a.pfm whole.pfm
     check "and becomes better: $options" between 0 "$(awk "BEGIN { print $(said relmse) / 10 }")" "$better"
 done
+# In a room of mirrors chains never leave their seeds, and most runs leave them nothing: what there is can be resumed, and is all of the picture.
+expect 0 mirrors.obj -q --integrator path -n 4000 -o mirrors.pfm
+kept=0
+ratios=0
+for seed in 1 2 3 4 5 6; do
+    expect 0 mirrors.obj -v -n 100 --seed $seed --save out/done -o out/a.pfm
+    grep -q 'keep all light' stderr && kept=$((kept + 1))
+    expect 0 mirrors.obj -q -n 100 --seed $seed --resume out/done -o out/b.pfm
+    check "resumed, whatever is left to chains: seed $seed" cmp out/a.pfm out/b.pfm
+    expect 0 compare out/a.pfm mirrors.pfm
+    ratios="$ratios + $(said ratio_of_means)"
+done
+check "samples keep all light in a room of mirrors: $kept of 6" test $kept -ge 3
+check "and lack none: ($ratios) / 6" between 0.93 1.07 "$(awk "BEGIN { print ($ratios) / 6 }")"
 rm out/?.pfm out/done out/stats
 "$mlt" room.obj $long --save out/state >stdout 2>stderr &
 sleep 0.2 2>/dev/null || sleep 1
