@@ -9,7 +9,7 @@
  * are bounded then, and the chains need not visit what is easy. (To cap the values leaves the chains the least for a given second moment.) Where it is better
  * at it, a bidirectional path tracer takes the path tracer's place for indirect light, or (direct_joined) for all; and where that pays, walks from the lens are bent to meet lamps
  * through specular vertices (bend.h). How much of a path is whose depends on the path and on thresholds that a pilot has set, whose own picture is thrown
- * away. The pilot looks for indirect light twice, by chains and by bidirectional samples.
+ * away; that may leave the chains nothing (ALL_KEPT). The pilot looks for indirect light twice, by chains and by bidirectional samples.
  *
  * Every round and every chain has its own random stream, so the state of a run is a few pictures and counters.
  */

@@ -220,7 +220,8 @@ static double together(double a, double b, double least)
  * of one. That of the chains goes with a power of the share of the picture that is left to them: the square, says a first pilot on the whole integrand; but
  * what is left is what is narrow and bright, and a second pilot, on what the first survey has left, tells how much dearer that is, up to the first
  * power, where the error of what is left is that of the whole. Bidirectional samples tell that share even where the path tracer itself would find
- * nothing for long. Spent in the best proportion, both together have (sqrt(a) + sqrt(b))^2. Scales the thresholds. */
+ * nothing for long. Spent in the best proportion, both together have (sqrt(a) + sqrt(b))^2. Where the samples' whole variance, without a cap, is less than the
+ * best of that, nothing is left to the chains. Scales the thresholds. */
 void run_survey(Render *r)
 {
     Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED, .film = r->film /* values are asked for */ };
