@@ -448,6 +448,7 @@ void run_learn(Render *r)
             double per_variance = chain_energy / (r->b_sum * r->b_sum), by_met = r->met_variance_sum * per_variance, by_b = r->b_variance_sum * per_variance - by_met;
             double others = fmax(chain - by_met, 0.1 * chain);
             if (r->has_direct && !pilot) r->direct_share = best_share(sampled + by_met, r->passes.rays, others, chain_rays, 0.02, run_most_share(r));
+            /* the variance of the halves' difference against that of their sum: 0 where both are alike; by the chains' share of the picture, as chain_variance is */
             double apart = pow(all.per_step * (r->steps_sum + r->round.steps) / r->steps_sum, 2) * r->apart_sum;
             if (chain_by_weight > 0) r->persistence = fmin(fmax(1 - apart / chain_by_weight, 0), 1);
             /* but b is not all: of few bootstrap samples a heavy one begins so many chains that its pixel is too bright */
