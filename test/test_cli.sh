@@ -407,7 +407,7 @@ for wait in 0.1 0.3 0.2 1; do
     if [ $wait = 1 ] && [ -n "$resume" ]; then break; fi
     "$mlt" room.obj $long --save out/state $resume >stdout 2>stderr &
     sleep $wait 2>/dev/null || sleep 1
-    kill -TERM $!
+    kill -TERM $! 2>/dev/null               # a fast machine may have finished
     wait $!
     # killed before it could look for signals: nothing had been done
     status=$?
