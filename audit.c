@@ -113,7 +113,7 @@ static Real slow_p_d2(const Tuning *tuning, const Path *z, int s, int k_d)
 }
 
 /* manifold_spread by differences: rays from the last D, turned from the path's by 'aside', against the planes of the triangles that z has. */
-static Real slow_spread(const Lab *lab, const Path *z, double aside)
+static Real slow_spread(const Lab *lab, const Path *z, const Path *like, double aside)
 {
     static const double H = 1e-5;
     const Scene *scene = lab->space->scene;
@@ -135,20 +135,21 @@ static Real slow_spread(const Lab *lab, const Path *z, double aside)
             Vec3 e1 = sub(corner[1].p, corner[0].p), e2 = sub(corner[2].p, corner[0].p), from = sub(p, corner[0].p), across = cross(e1, e2);
             double squared = dot(across, across);
             scene_triangle_point(scene, old->triangle, dot(cross(from, e2), across) / squared, dot(cross(e1, from), across) / squared, &at);
-            if (!bsdf_follow(&at.surface, known, z->v[i].mode, &w)) return NAN;
+            const Passage passage = path_passage(like, i, true);
+            if (!bsdf_pass(&at.surface, known, &passage, &w)) return NAN;
         }
     }
     return 4 * H * H / length(cross(sub(end[0], end[1]), sub(end[2], end[3])));
 }
 
-/* Rays leave a surface a little beside it (scene.h): where edges are short, a path obeys the laws of its specular vertices only so far. What that may
+/* Rays leave a surface a little beside it (scene.h): where edges are short, a path obeys the laws of its sharp vertices only so far. What that may
  * change of |dw/dx_0|, where it changes fast. */
-static double uncertain_spread(const Lab *lab, const Path *z)
+static double uncertain_spread(const Lab *lab, const Path *z, const Path *like)
 {
     static const double BESIDE = 1e-6, OFTEN = 4;
     double shortest = 1;
     for (int i = 0; i < manifold_diffuse(z); i++) shortest = fmin(shortest, length(sub(z->v[i + 1].point.p, z->v[i].point.p)));
-    double change = OFTEN * fabs((double)(slow_spread(lab, z, BESIDE / shortest) / slow_spread(lab, z, 0)) - 1);
+    double change = OFTEN * fabs((double)(slow_spread(lab, z, like, BESIDE / shortest) / slow_spread(lab, z, like, 0)) - 1);
     return isnan(change) ? INFINITY : change;  /* at the rim of what is seen through glass */
 }
 
@@ -161,12 +162,12 @@ static Real slow_T(int row, const Lab *lab, const Path *from, const Path *z, int
             * density_of_ways(z, s, s + k_a);
     if (row == CAUSTIC)
         for (int i = m; i < z->k - 1; i++)
-            T *= (i == m ? 1 / fabs(dot(z->v[i].to_lens, z->v[i].point.surface.ng)) : pdf_to_lens(z, i, true)) / z->v[i].inv_G;
+            T *= (i == m || !path_specular(z, i) ? 1 / fabs(dot(z->v[i].to_lens, z->v[i].point.surface.ng)) : pdf_to_lens(z, i, true)) / z->v[i].inv_G;
     else
         for (int i = z->k; i > m; i--) {
             bool turned = row != SUBPATH && i < z->k && !path_specular(z, i);
             T *= (turned ? 1 / fabs(dot(z->v[i - 1].to_lens, z->v[i].point.surface.ng)) : pdf_to_light(z, i, row != SUBPATH)) / z->v[i - 1].inv_G;
-            if (row == MANIFOLD && i == manifold_diffuse(z)) T /= slow_spread(lab, z, 0);
+            if (row == MANIFOLD && i == manifold_diffuse(z)) T /= slow_spread(lab, z, from, 0);
         }
     return T;
 }
@@ -194,7 +195,7 @@ static double difference_of_R(int row, Lab *lab, const Path *x, const Path *y, c
     Real there = slow_T(row, lab, a, b, move->s, move->k_d, move->k_a, m), back = slow_T(row, lab, b, a, move->s, move->k_a, move->k_d, m);
     if (isinf(move->R_xy) || back == 0) return isinf(move->R_xy) && back == 0 ? 0 : INFINITY;    /* no way back by either account */
     double difference = (double)fabsl((f_y * back) / (f_x * there) * move->R_xy / move->R_yx - 1);
-    if (row == MANIFOLD && !(difference <= worst_spread)) difference -= fmin(difference, uncertain_spread(lab, a) + uncertain_spread(lab, b));
+    if (row == MANIFOLD && !(difference <= worst_spread)) difference -= fmin(difference, uncertain_spread(lab, a, b) + uncertain_spread(lab, b, a));
     return isnan(difference) ? INFINITY : difference;
 }
 
@@ -330,9 +331,10 @@ static void audit_steps(Finding *f, int row, Lab *lab, const Path *x, uint64_t n
 {
     const Path *y = &lab->proposal;
     double seen[BINS] = { 0 }, expected[BINS] = { 0 }, turned_seen[BINS] = { 0 }, turned_expected[BINS] = { 0 };
-    int turned = 0, m = row == CAUSTIC ? caustic_suffix(x) : lens_suffix(x, &turned), d = x->k - 1;
+    int turned = 0, m = caustic_suffix(x), d = x->k - 1;
+    if (row == CHAIN || row == MANIFOLD) chain_suffix(x, &turned);
     if (row == MANIFOLD) turned--;             /* the last one is searched for */
-    while (turned > 0 && path_specular(x, d)) d--;             /* the first vertex at which a direction is turned */
+    while (turned > 0 && path_sharp(x, d)) d--;             /* the first vertex at which a direction is turned */
     for (uint64_t i = 0; i < n; i++) {
         propose_anew(row, lab, x, rng);
         if (row == CAUSTIC) {

@@ -57,7 +57,7 @@ static void trace_light(Bdpt *b, const Space *space, Rng *rng)
     const Material *m = p->v[0].point.surface.material;
     double emitted = max3(m->ke);
     p->light_pdf_a = scene_light_pdf_a(space->scene, m);
-    p->v[0].s = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1 };
+    p->v[0].s = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1, false };
     b->sum[0] = 1 / emitted;
     b->traced[0] = b->sum[0];
     b->light_survival[0] = 1;
@@ -244,7 +244,7 @@ static bool join(Bdpt *b, const Space *space, int n_light, int n_lens, Rng *rng,
         const Material *m = lens->point.surface.material;
         double emitted = max3(m->ke);
         if (!(emitted > 0) || dot(lens->to_lens, lens->point.surface.ng) <= 0) return false;
-        at_lens = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1 };
+        at_lens = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1, false };
         double preferred = n_lens > 2 ? preference(space, &lens[1].point, &lens->point) : 1;
         routes = (Routes){ at_lens.inv_F, scene_light_pdf_a(space->scene, m), at_lens.inv_F, preferred, 1 };
         colour = at_lens.colour;
@@ -277,7 +277,7 @@ static bool join(Bdpt *b, const Space *space, int n_light, int n_lens, Rng *rng,
         double r_lens = 1;
         if (n_lens == 1) {
             if (!camera_project(&space->scene->camera, &lens->point, neg(w), &x, &y, &we)) return false;
-            at_lens = (Scatter){ vec3(1, 1, 1), 1 / we, 0, 1, 1 };
+            at_lens = (Scatter){ vec3(1, 1, 1), 1 / we, 0, 1, 1, false };
         } else {
             if (!bsdf_scatter(&lens->point.surface, neg(w), lens->to_lens, MODE_NONE, &at_lens)) return false;
             r_lens = path_survival(&lens->point);

@@ -41,8 +41,8 @@ static bool passes_lens(const Point *lens, const Point *from, Vec3 w, const Poin
     return dot(sub(from->p, lens->p), ng) > 0 && (hit ? dot(sub(hit->p, lens->p), ng) : dot(w, ng)) < 0;
 }
 
-/* The straight line from v to the target: sets mode[] and returns d, the edges of a way that refracts wherever the line passes a surface; 0 if there is no such. */
-static int straight(const Scene *scene, const Point *from, const Point *target, Mode mode[])
+/* The straight line from v to the target: sets passage[] and returns d, the edges of a way that refracts wherever the line passes a surface; 0 if there is no such. */
+static int straight(const Scene *scene, const Point *from, const Point *target, Passage passage[])
 {
     Vec3 w = normalize(sub(target->p, from->p));
     Point at[2] = { *from };
@@ -52,14 +52,14 @@ static int straight(const Scene *scene, const Point *from, const Point *target, 
         bool met = scene_trace(scene, &at[n % 2], w, hit);
         if (is_lens(target) ? passes_lens(target, &at[n % 2], w, met ? hit : NULL) : met && hit->triangle == target->triangle) return n > 0 ? n + 1 : 0;
         if (!met || hit->surface.material->kind != MATERIAL_GLASS) return 0;
-        mode[n + 1] = MODE_REFRACT;
+        passage[n + 1] = (Passage){ .mode = MODE_REFRACT };
     }
     return 0;
 }
 
-/* A direction in which the surface scatters, and the modes of the specular vertices that a walk meets from there: the same of d. mode[d - 1] is the first.
+/* A direction in which the surface scatters, and the modes of the specular vertices that a walk meets from there: the same of d. passage[d - 1] is the first.
  * Where the walk passes the lens and more specular vertices follow behind it, it ends there or goes on, as likely. */
-static int guess(const Scene *scene, const Point *from, Vec3 known, const Point *target, Rng *rng, Vec3 *first, Mode mode[])
+static int guess(const Scene *scene, const Point *from, Vec3 known, const Point *target, Rng *rng, Vec3 *first, Passage passage[])
 {
     Mode drawn[MOST_SPECULAR], none;
     Point at[2] = { *from };
@@ -79,7 +79,7 @@ static int guess(const Scene *scene, const Point *from, Vec3 known, const Point 
             drawn[n] = other;
         }
     }
-    for (int i = 0; i < n; i++) mode[n - i] = drawn[i];
+    for (int i = 0; i < n; i++) passage[n - i] = (Passage){ .mode = drawn[i] };
     return n > 0 ? n + 1 : 0;
 }
 
@@ -95,14 +95,14 @@ static bool same(const Vertex *a, const Vertex *b, int d)
 static double count_guesses(const Scene *scene, const Vertex *v, int d, Vec3 known, const Point *target, double most, Rng *rng)
 {
     Vertex again[MOST_SPECULAR + 2];
-    Mode mode[MOST_SPECULAR + 2];
+    Passage passage[MOST_SPECULAR + 2];
     Vec3 w;
     again[d].point = v[d].point;
     for (double guesses = 1; guesses <= most; guesses++) {
-        if (guess(scene, &v[d].point, known, target, rng, &w, mode) != d) continue;
+        if (guess(scene, &v[d].point, known, target, rng, &w, passage) != d) continue;
         bool as_here = true;
-        for (int i = 1; i < d; i++) as_here = as_here && mode[i] == v[i].mode;
-        if (as_here && specular_search(scene, mode, again, d, w, target) && same(again, v, d)) return guesses;
+        for (int i = 1; i < d; i++) as_here = as_here && passage[i].mode == v[i].mode;
+        if (as_here && specular_search(scene, passage, again, d, w, target) && same(again, v, d)) return guesses;
     }
     return most + 1;
 }
@@ -119,11 +119,11 @@ static double enough_guesses(const Bent *bent, double searched)
 /* The way that is found from the straight line to the target; 0 if there is none. */
 static int bend_straight(const Scene *scene, const Point *from, const Point *target, int most, Vertex *v)
 {
-    Mode mode[MOST_SPECULAR + 2];
-    int d = straight(scene, from, target, mode);
+    Passage passage[MOST_SPECULAR + 2];
+    int d = straight(scene, from, target, passage);
     if (d == 0 || d > most) return 0;
     v[d].point = *from;
-    return specular_search(scene, mode, v, d, normalize(sub(target->p, from->p)), target) ? d : 0;
+    return specular_search(scene, passage, v, d, normalize(sub(target->p, from->p)), target) ? d : 0;
 }
 
 /* The ways to a target, each handed on if 'carry' says that it carries anything. */
@@ -132,7 +132,7 @@ static void bend(const Scene *scene, Vertex *at, int most, Vec3 known, const Poi
                  void (*found)(void *, const Bent *), void *context)
 {
     Vertex direct[MOST_SPECULAR + 2];
-    Mode mode[MOST_SPECULAR + 2];
+    Passage passage[MOST_SPECULAR + 2];
     Bent bent;
     Vec3 w;
     double searched;
@@ -141,10 +141,10 @@ static void bend(const Scene *scene, Vertex *at, int most, Vec3 known, const Poi
         memcpy(at - d_direct, direct, (size_t)d_direct * sizeof *direct);
         if (carry(scene, at - d_direct, d_direct, known, &bent, &searched)) found(context, &bent);
     }
-    int d = guess(scene, &at->point, known, target, rng, &w, mode);
+    int d = guess(scene, &at->point, known, target, rng, &w, passage);
     if (d == 0 || d > most) return;
     Vertex *v = at - d;
-    if (!specular_search(scene, mode, v, d, w, target) || (d_direct == d && same(direct, v, d))) return;
+    if (!specular_search(scene, passage, v, d, w, target) || (d_direct == d && same(direct, v, d))) return;
     if (!carry(scene, v, d, known, &bent, &searched) || rng_double(rng) >= searched) return;
     double enough = enough_guesses(&bent, searched), guesses = count_guesses(scene, v, d, known, target, enough, rng);
     bent.times *= (guesses <= enough ? guesses : bent.chance_pdf_a > 0 ? enough : NAN /* counted as a bad sample */) / searched;

@@ -61,6 +61,7 @@ static bool scatter_diffuse(const Surface *s, double light_g, double light_s, do
     out->inv_S_lens = (d * fabs(lens_s) / PI + phong_w) / fabs(lens_g) * out->inv_F;
     out->colour = scale(1 / largest, f);
     out->q = 1;
+    out->narrow = material_is_narrow(m) && PI * (n + 2) * lobe * max3(m->ks) > max3(s->kd);
     return isfinite(out->inv_F);
 }
 
@@ -98,6 +99,7 @@ bool bsdf_scatter(const Surface *s, Vec3 w_light, Vec3 w_lens, Mode mode, Scatte
     if (!(largest > 0) || !(out->q > 0)) return false;
     out->colour = scale(1 / largest, tint);
     out->inv_F = 0;
+    out->narrow = false;
     out->inv_S_light = 1 / (largest * radiance_scale);
     out->inv_S_lens = fabs(light_g * lens_s / (lens_g * light_s)) / largest;
     return true;
@@ -140,7 +142,7 @@ bool bsdf_follow(const Surface *s, Vec3 known, Mode mode, Vec3 *w)
     double known_s, w_s, cos_t, known_g = side(known, s, &known_s);
     if (known_g == 0 || !material_is_specular(m) || mode == MODE_NONE) return false;
     if (mode == MODE_REFLECT) {
-        *w = along(neg(known), 2 * known_s, s->ns);
+        *w = bsdf_mirrored(s, known);
         return side(*w, s, &w_s) * known_g > 0;
     }
     if (m->kind != MATERIAL_GLASS) return false;
@@ -150,14 +152,39 @@ bool bsdf_follow(const Surface *s, Vec3 known, Mode mode, Vec3 *w)
     return side(*w, s, &w_s) * known_g < 0;
 }
 
-Vec3 bsdf_follow_change(const Surface *s, Vec3 known, Mode mode, Vec3 d_known, Vec3 d_ns)
+static Vec3 mirrored_change(const Surface *s, Vec3 known, Vec3 d_known, Vec3 d_ns)
 {
-    double known_s = dot(known, s->ns), change = dot(d_known, s->ns) + dot(known, d_ns), cos_t;
-    if (mode == MODE_REFLECT) return add(neg(d_known), scale(2, along(scale(change, s->ns), known_s, d_ns)));
-    double eta = relative_index(s->material, known_s);
+    double change = dot(d_known, s->ns) + dot(known, d_ns);
+    return add(neg(d_known), scale(2, along(scale(change, s->ns), dot(known, s->ns), d_ns)));
+}
+
+static Vec3 refracted_change(const Surface *s, Vec3 known, Vec3 d_known, Vec3 d_ns)
+{
+    double known_s = dot(known, s->ns), change = dot(d_known, s->ns) + dot(known, d_ns), cos_t, eta = relative_index(s->material, known_s);
     bsdf_fresnel(fabs(known_s), eta, &cos_t);
     double along_ns = known_s / eta - copysign(cos_t, known_s), change_along = change * (1 / eta - fabs(known_s) / (eta * eta * cos_t));
     return along(along(scale(-1 / eta, d_known), change_along, s->ns), along_ns, d_ns);
+}
+
+/* The least rotation from unit a to unit b, of w:  w - w.(a+b)/(1+a.b) (a+b) + 2 w.a b,  which is nothing for a = -b. */
+bool bsdf_pass(const Surface *s, Vec3 known, const Passage *passage, Vec3 *w)
+{
+    if (passage->mode != MODE_NONE) return bsdf_follow(s, known, passage->mode, w);
+    if (!material_is_narrow(s->material)) return false;
+    Vec3 b = bsdf_mirrored(s, known), sum = add(passage->mirrored, b);
+    double c = 1 + dot(passage->mirrored, b);
+    if (!(c > 1e-6)) return false;
+    *w = normalize(along(along(passage->w, -dot(passage->w, sum) / c, sum), 2 * dot(passage->w, passage->mirrored), b));
+    return true;
+}
+
+Vec3 bsdf_pass_change(const Surface *s, Vec3 known, const Passage *passage, Vec3 d_known, Vec3 d_ns)
+{
+    if (passage->mode == MODE_REFRACT) return refracted_change(s, known, d_known, d_ns);
+    Vec3 a = passage->mirrored, w = passage->w, b = bsdf_mirrored(s, known), d_b = mirrored_change(s, known, d_known, d_ns), sum = add(a, b);
+    if (passage->mode == MODE_REFLECT) return d_b;
+    double c = 1 + dot(a, b), along_sum = dot(w, sum) / c, d_along_sum = (dot(w, d_b) - along_sum * dot(a, d_b)) / c;
+    return along(along(scale(-d_along_sum, sum), -along_sum, d_b), 2 * dot(w, a), d_b);
 }
 
 static bool sample_specular(const Surface *s, Vec3 known, Rng *rng, Vec3 *w, Mode *mode)
@@ -180,7 +207,7 @@ bool bsdf_sample_at(const Surface *s, Vec3 known, const double disk[2], Rng *rng
     if (d == 1 || rng_double(rng) < d) *w = lift(known_s > 0 ? s->ns : neg(s->ns), disk[0], disk[1]);
     else {
         double squared = disk[0] * disk[0] + disk[1] * disk[1], c = pow(1 - squared, 1 / (s->material->ns + 1));
-        *w = turned(along(neg(known), 2 * known_s, s->ns), c, sqrt(1 - c * c), disk[0], disk[1], squared);
+        *w = turned(bsdf_mirrored(s, known), c, sqrt(1 - c * c), disk[0], disk[1], squared);
     }
     return side(*w, s, &w_s) * known_g > 0;
 }

@@ -41,6 +41,8 @@ typedef struct {
 } Surface;
 
 static inline bool material_is_specular(const Material *m) { return m->kind != MATERIAL_DIFFUSE; }
+/* Its Phong lobe is so narrow that two points seldom lie in it by chance: half of it within 0.12 radians of the mirror image, or less. */
+static inline bool material_is_narrow(const Material *m) { return m->kind == MATERIAL_DIFFUSE && m->ns >= 100 && max3(m->ks) > 0; }
 static inline bool material_emits(const Material *m) { return max3(m->ke) > 0; }
 
 /* Scattering from w_light to w_lens, as ratios that stay of order one. F is the largest channel of f_s |w_light.n_s|/|w_light.n_g|.
@@ -52,6 +54,7 @@ typedef struct {
     Rgb colour;                /* f_s / F, each channel in [0,1] */
     double inv_F, inv_S_lens, inv_S_light;
     double q;                  /* 1 where nothing was drawn */
+    bool narrow;               /* most of F is that of a narrow lobe */
 } Scatter;
 
 /* False if nothing is scattered (black, or a direction on the wrong side; for MODE_REFLECT and MODE_REFRACT also if the sides or the material
@@ -68,8 +71,18 @@ bool bsdf_sample_at(const Surface *surface, Vec3 known, const double disk[2], Rn
  * reflection, no specular mode at all at a diffuse surface. */
 bool bsdf_follow(const Surface *surface, Vec3 known, Mode mode, Vec3 *w);
 
+static inline Vec3 bsdf_mirrored(const Surface *surface, Vec3 known) { return along(neg(known), 2 * dot(known, surface->ns), surface->ns); }
+
+/* How light passes a vertex whose direction is not drawn but copied from another: by its mode; or, MODE_NONE, by a narrow lobe, as far off the mirror
+ * image, and on the side of it, as w is there: by the least rotation that takes the one mirror image to the other. */
+typedef struct { Mode mode; Vec3 mirrored, w; } Passage;
+static inline Passage bsdf_passage(const Surface *surface, Vec3 known, Vec3 w, Mode mode) { return (Passage){ mode, bsdf_mirrored(surface, known), w }; }
+
+/* The other direction, copied. False where it cannot be: as bsdf_follow, or the surface has no narrow lobe. */
+bool bsdf_pass(const Surface *surface, Vec3 known, const Passage *passage, Vec3 *w);
+
 /* By how much that direction changes, to first order, if the known one changes by d_known and the shading normal by d_ns. */
-Vec3 bsdf_follow_change(const Surface *surface, Vec3 known, Mode mode, Vec3 d_known, Vec3 d_ns);
+Vec3 bsdf_pass_change(const Surface *surface, Vec3 known, const Passage *passage, Vec3 d_known, Vec3 d_ns);
 
 /* p of bsdf_sample per projected solid angle (n_g) for a non-specular surface; 0 on the wrong side. */
 double bsdf_pdf_pw(const Surface *surface, Vec3 known, Vec3 w);

@@ -330,8 +330,7 @@ static Product perturbation_R(int row, const Path *p, int m)
 {
     Product r = { .n = 0 };
     if (row == CAUSTIC) {
-        times(&r, TURNED_LENS, m);
-        for (int i = m + 1; i < p->k - 1; i++) times(&r, COPIED_LENS, i);
+        for (int i = m; i < p->k - 1; i++) times(&r, path_specular(p, i) ? COPIED_LENS : TURNED_LENS, i);
         times(&r, C_, p->k - 1);
         return r;
     }
@@ -360,6 +359,14 @@ static void print_turn(FILE *out, const Tuning *t, Vec3 old, Vec3 new)
     fprintf(out, " is turned by %.6g radians, of steps from %.6g to %.6g\n", angle(old, new), t->theta2 * exp(t->log_theta), t->theta2);
 }
 
+/* The vertex is passed by a narrow lobe, from the lens or towards it. */
+static void print_lobe(FILE *out, const Named *n, int i, bool to_light)
+{
+    const Passage passage = path_passage(n->path, i, to_light);
+    char name[16];
+    fprintf(out, "  at %s light keeps its place in the narrow lobe, %.6g radians off the mirror image\n", vertex_name(n, i, name), angle(passage.mirrored, passage.w));
+}
+
 static void print_perturbation(FILE *out, int row, const Tuning *t, const Named *x, const Named *y, const Move *move)
 {
     const Path *a = x->path, *b = y->path;
@@ -376,8 +383,14 @@ static void print_perturbation(FILE *out, int row, const Tuning *t, const Named 
                      hypot(b->raster_x - a->raster_x, b->raster_y - a->raster_y), t->r2 * exp(t->log_r), t->r2);
         fprintf(out, ": from (%.4f, %.4f) to (%.4f, %.4f)\n", a->raster_x, a->raster_y, b->raster_x, b->raster_y);
     }
+    for (int i = b->k - 2; i > m && row == CAUSTIC; i--)
+        if (!path_specular(b, i)) print_lobe(out, y, i, false);
     for (int i = b->k - 1; i > m && row != CAUSTIC && row != SUBPATH; i--) {
         if (path_specular(b, i)) continue;
+        if (path_sharp(b, i)) {
+            print_lobe(out, y, i, true);
+            continue;
+        }
         if (row == MANIFOLD && i == manifold_diffuse(b)) {
             fprintf(out, "  at %s the direction is searched for that leads to the same x_0\n", vertex_name(y, i, name));
             continue;
@@ -387,8 +400,8 @@ static void print_perturbation(FILE *out, int row, const Tuning *t, const Named 
     }
     fputs(row == SUBPATH
           ? "  The modes are drawn: S = F/q stays a ratio. What both directions share, the density over the film, cancels.\n"
-          : "  Modes are copied, not drawn: q counts as 1, and q S = F stands where S = F/F would. A turned direction leaves F |cos|. Steps are\n"
-            "  as likely there as back, so their density cancels.\n", out);
+          : "  Modes are copied, not drawn: q counts as 1, and q S = F stands where S = F/F would. A turned direction leaves F |cos|, and\n"
+            "  so does a copied place in a narrow lobe. Steps are as likely there as back, so their density cancels.\n", out);
     fputs("\nTHERE\n", out);
     print_R(out, row, y, "y", "x", m, move->spread_y, move->R_yx);
     fputs("\nAND BACK\n", out);
@@ -449,8 +462,8 @@ static bool wanted(const ExplainOptions *o, const Sampler *sampler, const Path *
     if ((o->accepted && !step->accepted) || (o->length && x->k != o->length) ||
         (o->strategy && strcmp(sampler->table[step->row].name, o->strategy) != 0)) return false;
     if (step->row == BIDIR && m->k_d == 1 && m->k_a == 1) return false;    /* y = x */
-    bool specular = !sampler->table[step->row].needs_specular;             /* such a row is best seen at a path that needs it */
-    for (int i = m->first; i <= m->last; i++) specular |= path_specular(x, i);
+    bool specular = !sampler->table[step->row].needs_sharp;             /* such a row is best seen at a path that needs it */
+    for (int i = m->first; i <= m->last; i++) specular |= path_sharp(x, i);
     if (!o->example) return specular;
     /* k = 3: s = 1, t = 2, s' = 1, t' = 0.   k = 4: s = 1, t = 3, s' = 1, t' = 1 */
     return step->row == BIDIR && step->outcome == PROPOSED && m->s == 1 && m->j == 1

@@ -19,21 +19,33 @@ static const double ALIKE = 1e-3;
 int manifold_diffuse(const Path *x)
 {
     int turned, d = 1;
-    if (lens_suffix(x, &turned) != 0 || turned == 0) return 0;
-    while (x->v[d].mode != MODE_NONE) d++;
+    if (chain_suffix(x, &turned) != 0 || turned == 0) return 0;
+    while (path_sharp(x, d)) d++;
     return d - 1 <= MOST_SPECULAR ? d : 0;
 }
 
 bool manifold_applies(const Space *space, const Path *x) { (void)space; return manifold_diffuse(x) > 0; }
 
-double manifold_spread(const Scene *scene, const Path *x) { return specular_way(scene, x->v, manifold_diffuse(x)).spread; }
+/* How light passes the vertices between D and the lamp. */
+static void passages(const Path *x, int d, Passage passage[])
+{
+    for (int i = 1; i < d; i++) passage[i] = path_passage(x, i, true);
+}
 
-/* From v[d], by the modes of 'like' and towards where it goes, to its point of the lamp. */
+double manifold_spread(const Scene *scene, const Path *x, const Path *like)
+{
+    Passage passage[MOST_SPECULAR + 2];
+    int d = manifold_diffuse(x);
+    passages(like, d, passage);
+    return specular_spread(scene, passage, x->v, d);
+}
+
+/* From v[d], as light passes 'like' and towards where it goes, to its point of the lamp. */
 static bool search(const Scene *scene, const Path *like, Vertex *v, int d)
 {
-    Mode mode[MOST_SPECULAR + 1];
-    for (int i = 1; i < d; i++) mode[i] = like->v[i].mode;
-    return specular_search(scene, mode, v, d, normalize(sub(like->v[d - 1].point.p, v[d].point.p)), &like->v[0].point);
+    Passage passage[MOST_SPECULAR + 2];
+    passages(like, d, passage);
+    return specular_search(scene, passage, v, d, normalize(sub(like->v[d - 1].point.p, v[d].point.p)), &like->v[0].point);
 }
 
 /* What is found at x_d itself, or there again from y. */
@@ -57,8 +69,9 @@ Outcome manifold_propose(const Space *space, const Tuning *tuning, const Path *x
         if (!path_edge(y, i)) return ZERO_LOST;
     outcome = perturb_evaluate(space, y, 0, y->k, -1);
     if (outcome != PROPOSED) return outcome;
+    if (!perturb_alike(x, y, 1)) return ZERO_SIDE;
     if (!search_at(scene, x, x, found, d) || !specular_near(found, x->v, d, ALIKE) || !search_at(scene, x, y, back, d) || !specular_near(found, back, d, SPECULAR_SAME)) return ZERO_NO_WAY;
-    *move = (Move){ .joined = -1, .first = 0, .last = x->k - 1, .spread_x = manifold_spread(scene, x), .spread_y = manifold_spread(scene, y) };
+    *move = (Move){ .joined = -1, .first = 0, .last = x->k - 1, .spread_x = manifold_spread(scene, x, y), .spread_y = manifold_spread(scene, y, x) };
     move->R_yx = lens_R(y, 0) * move->spread_y;
     move->R_xy = lens_R(x, 0) * move->spread_x;
     return isfinite(move->R_yx) && isfinite(move->R_xy) ? PROPOSED : ZERO_NO_WAY;     /* all directions lead to one place: a focus */

@@ -115,7 +115,7 @@ Sampler sampler_for(const Scene *scene, unsigned allowed)
     Sampler s = { .table = mutation_table, .rows = MUTATIONS, .tuning = { .p_d2_importance = 0.5, .light_scale = 1 } };
     set_steps(&s.tuning, FILM_LEAST, film_step(scene), TURN_LEAST, TURN_MOST);
     for (int i = 0; i < MUTATIONS; i++)
-        if (allowed >> i & 1 && (scene->has_specular || !mutation_table[i].needs_specular)) s.share[i] = mutation_table[i].share;
+        if (allowed >> i & 1 && mutation_is_useful(&mutation_table[i], scene)) s.share[i] = mutation_table[i].share;
     return s;
 }
 

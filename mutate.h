@@ -47,13 +47,15 @@ typedef enum { STEP_NONE, STEP_FILM, STEP_TURN } StepKind;
 typedef struct {
     const char *name;
     double share;              /* how often the row is chosen, against the others that apply */
-    bool needs_specular;       /* only of use in a scene with specular surfaces */
-    /* Whether the row can start from x. Needs only the roles and modes along the path. */
+    bool needs_sharp;          /* only of use in a scene with specular surfaces or narrow lobes */
+    /* Whether the row can start from x. Needs only the roles, modes and narrow lobes along the path. */
     bool (*applies)(const Space *space, const Path *x);
     /* Proposes. y need not be complete unless PROPOSED comes back. */
     Outcome (*propose)(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move);
     StepKind step;
 } Mutation;
+
+static inline bool mutation_is_useful(const Mutation *m, const Scene *scene) { return !m->needs_sharp || scene->has_specular || scene->has_narrow; }
 
 /* A lens perturbation for L S+ E, the whole path: not in the table, for no chain of a bootstrap has such paths to itself. */
 extern const Mutation seen_mutation;
@@ -70,29 +72,36 @@ double bidir_w(const Path *z, int s, int t);
 /* p_d2[s,t] */
 double bidir_p_d2(const Tuning *tuning, const Path *z, int s, int t);
 
-/* The vertices that a perturbation from the lens moves: x_m .. x_{k-1}. -1 if the suffix is not (L|D) D (S+ D)* S* E, or L (S+ D)+ S* E with
- * m = 0; *turned receives the number of (S+ D). */
-int lens_suffix(const Path *x, int *turned);
-/* The vertex whose direction a caustic perturbation turns: suffix (L|D) S* D E with x_m = (L|D); -1 if it is another. */
+/* Read from the light: L light, D a vertex that is not sharp (path_sharp), S a sharp one, E lens. What a perturbation moves is x_m .. x_{k-1}; -1 where the
+ * suffix is another. */
+/* The lens perturbation: suffix D S* E with x_m = D, joined to what is not specular. */
+int lens_suffix(const Path *x);
+/* The multi-chain perturbation: (L|D) D (S+ D)+ S* E with x_m the first D after the parenthesis, or L (S+ D)* S* E with m = 0, but that a chain of
+ * mirrors and glass alone, L S+ E, is no such; *turned receives the number of (S+ D). */
+int chain_suffix(const Path *x, int *turned);
+/* The vertex whose direction a caustic perturbation turns: suffix (L|D) S* D E with x_m = (L|D); x_m itself does not move. */
 int caustic_suffix(const Path *x);
-/* R(y|x) of a perturbation that moved x_m .. x_{k-1} and copied the specular modes: chi(y) * product of S< over specular vertices, of
- * F |cos| over turned ones, * C_{m-1}. */
+/* R(y|x) of a perturbation that moved x_m .. x_{k-1} and copied how light passes sharp vertices: chi(y) * product of S< over specular vertices, of
+ * F |cos| over the others, * C_{m-1}. */
 double lens_R(const Path *y, int m);
-/* R(y|x) of a caustic perturbation: chi(y) * F_m |cos_m| * product of S> * C_{k-1}. */
+/* R(y|x) of a caustic perturbation: chi(y) * F_m |cos_m| * product of S> over specular vertices, of F |cos| over narrow lobes, * C_{k-1}. */
 double caustic_R(const Path *y, int m);
 
 bool bidir_applies(const Space *space, const Path *x);
 Outcome bidir_propose(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move);
 
-/* Steps of perturbations, for manifold.c too. Moves x_{m+1} .. x_{k-1}, starting on the film, modes copied and directions turned, and sets y_m. */
+/* Steps of perturbations, for manifold.c too. Moves x_{m+1} .. x_{k-1}, starting on the film, sharp vertices copied and directions turned, and sets y_m. */
 Outcome perturb_walk(const Space *space, const Tuning *tuning, const Path *x, Path *y, int m, Rng *rng);
 /* What follows when all points stand: evaluates y_from .. y_to; the edge to v[joined + 1] is still open. */
 Outcome perturb_evaluate(const Space *space, Path *y, int from, int to, int joined);
+/* Whether light passes narrow lobes at the same vertices from x_i on, so that what may go from x to y may go back. */
+bool perturb_alike(const Path *x, const Path *y, int from);
 
 bool manifold_applies(const Space *space, const Path *x);
 Outcome manifold_propose(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move);
 /* The D next to the light of a path L S+ D (S+ D)* S+ E; 0 if it is another, or has a great many specular vertices there. */
 int manifold_diffuse(const Path *x);
-/* Of such a path: solid angle at that D over area at x_0, through the specular vertices between, |dw/dx_0|; with none it would be cos/r^2. */
-double manifold_spread(const Scene *scene, const Path *x);
+/* Of such a path: solid angle at that D over area at x_0, through the sharp vertices between, |dw/dx_0|; with none it would be cos/r^2. 'like' is the path
+ * whose narrow lobes are copied. */
+double manifold_spread(const Scene *scene, const Path *x, const Path *like);
 #endif

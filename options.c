@@ -254,7 +254,7 @@ void options_warn(const Options *o, const Scene *scene, Report *report)
             report_warning(report, NULL, 0, "--strategies, --bootstrap and --chains mean nothing here: no chain runs");
         return;
     }
-    for (int i = 0; i < MUTATIONS; i++) usable |= (s->strategies >> i & 1) && (scene->has_specular || !mutation_table[i].needs_specular);
+    for (int i = 0; i < MUTATIONS; i++) usable |= (s->strategies >> i & 1) && mutation_is_useful(&mutation_table[i], scene);
     if (!usable) report_warning(report, NULL, 0, "none of the strategies is of use in this scene: the picture shows the seeds alone");
     else if (!(s->strategies & 1u << find_strategy("bidir", 5)))
         report_warning(report, NULL, 0, "not ergodic: without 'bidir' a chain cannot reach all paths by itself; it still renders, from many seeds");

@@ -71,14 +71,14 @@ bool path_scatter(const Space *space, Path *p, int i)
         double emitted = max3(m->ke);
         if (!(emitted > 0) || dot(v->to_lens, v->point.surface.ng) <= 0) return false;
         p->light_pdf_a = scene_light_pdf_a(space->scene, m);
-        v->s = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1 };   /* emission is sampled with 1/pi */
+        v->s = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1, false };   /* emission is sampled with 1/pi */
         return true;
     }
     double we;
     const Camera *camera = &space->scene->camera;
     if (!camera_project(camera, &v->point, neg(v[-1].to_lens), &p->raster_x, &p->raster_y, &we)) return false;
     p->pixel = (uint32_t)p->raster_y * camera->width + (uint32_t)p->raster_x;
-    v->s = (Scatter){ vec3(1, 1, 1), 1 / we, 0, 1, 1 };
+    v->s = (Scatter){ vec3(1, 1, 1), 1 / we, 0, 1, 1, false };
     return true;
 }
 

@@ -157,6 +157,17 @@ static inline bool path_specular(const Path *p, int i)
     return i > 0 && i < p->k && p->v[i].mode != MODE_NONE;
 }
 
+/* Light leaves v[i] in nearly one direction: perturbations take a narrow lobe for specular. */
+static inline bool path_sharp(const Path *p, int i) { return path_specular(p, i) || (i > 0 && i < p->k && p->v[i].s.narrow); }
+
+/* How light passes v[i] from the lens towards the light, or the other way. */
+static inline Passage path_passage(const Path *p, int i, bool to_light)
+{
+    const Vertex *v = &p->v[i];
+    Vec3 lens = v->to_lens, light = neg(v[-1].to_lens);
+    return bsdf_passage(&v->point.surface, to_light ? lens : light, to_light ? light : lens, v->mode);
+}
+
 /* 1/C_i for -1 <= i <= k; 0 where that join does not exist (specular ends; beyond the lens). */
 static inline double path_inv_C(const Path *p, int i)
 {

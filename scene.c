@@ -195,7 +195,10 @@ bool scene_load(Scene *s, const char *path, const CameraSettings *overrides, Bvh
     if (!read_camera(&settings, path, report)) { scene_free(s); return false; }
     override(&settings, overrides);
     if (!set_camera(s, &settings, path, report)) { scene_free(s); return false; }
-    for (uint32_t i = 0; i < s->mesh.n_materials; i++) s->has_specular |= material_is_specular(&s->mesh.material[i]);
+    for (uint32_t i = 0; i < s->mesh.n_materials; i++) {
+        s->has_specular |= material_is_specular(&s->mesh.material[i]);
+        s->has_narrow |= material_is_narrow(&s->mesh.material[i]);
+    }
     s->seconds_load = now() - start;
 
     start = now();

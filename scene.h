@@ -65,7 +65,7 @@ typedef struct {
     uint32_t *light_alias;
     LampTree *lamp_tree;               /* NULL where it does not pay */
     double power;                      /* sum over emitters of max(ke) * area: light sampling is in proportion to it */
-    bool has_specular;
+    bool has_specular, has_narrow;     /* of its materials: material_is_specular, material_is_narrow */
     double seconds_load, seconds_build;
     uint64_t *rays;                    /* [1] closest and any hit queries so far */
 } Scene;

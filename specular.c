@@ -24,10 +24,10 @@ static void travel(Change *c, Vec3 w, double distance, Vec3 ng)
     }
 }
 
-/* At a specular vertex, arriving from the direction 'known'. */
-static void scatter(Change *c, const Scene *scene, const Point *at, Vec3 known, Mode mode)
+/* At a vertex that is passed, arriving from the direction 'known'. */
+static void scatter(Change *c, const Scene *scene, const Point *at, Vec3 known, const Passage *passage)
 {
-    for (int i = 0; i < 2; i++) c->w[i] = bsdf_follow_change(&at->surface, known, mode, neg(c->w[i]), scene_normal_change(scene, at, c->p[i]));
+    for (int i = 0; i < 2; i++) c->w[i] = bsdf_pass_change(&at->surface, known, passage, neg(c->w[i]), scene_normal_change(scene, at, c->p[i]));
 }
 
 /* The solid angle at D in which a specular vertex stays as it is: on its triangle where that is flat, else as long as the way is turned by little only
@@ -35,8 +35,9 @@ static void scatter(Change *c, const Scene *scene, const Point *at, Vec3 known, 
 static double unchanged(const Scene *scene, const Vertex *v, const Change *c)
 {
     double turned = 0;
+    const Passage passage = { .mode = v->mode };
     for (int i = 0; i < 2; i++) {
-        Vec3 d = bsdf_follow_change(&v->point.surface, v->to_lens, v->mode, vec3(0, 0, 0), scene_normal_change(scene, &v->point, c->p[i]));
+        Vec3 d = bsdf_pass_change(&v->point.surface, v->to_lens, &passage, vec3(0, 0, 0), scene_normal_change(scene, &v->point, c->p[i]));
         turned += dot(d, d);
     }
     double triangle = scene_triangle_area(scene, v->point.triangle) / length(cross(c->p[0], c->p[1]));
@@ -47,19 +48,19 @@ static double unchanged(const Scene *scene, const Vertex *v, const Change *c)
 /* A ray from v[d] in direction w: sets v[d-1] .. v[1], the direction in which it leaves the last, and where it meets the plane of the target. False if
  * it gets lost. */
 typedef struct { Vec3 w, arrival; Change change; } Flight;
-static bool fly(const Scene *scene, const Mode mode[], Vertex *v, int d, Vec3 w, const Point *target, Flight *f)
+static bool fly(const Scene *scene, const Passage passage[], Vertex *v, int d, Vec3 w, const Point *target, Flight *f)
 {
     f->w = w;
     f->change = leave(w);
     for (int i = d - 1; i > 0; i--) {
-        if (!scene_trace(scene, &v[i + 1].point, f->w, &v[i].point) || !material_is_specular(v[i].point.surface.material)) return false;
+        if (!scene_trace(scene, &v[i + 1].point, f->w, &v[i].point)) return false;
         Vec3 back = sub(v[i + 1].point.p, v[i].point.p);
         double distance = length(back);
-        v[i].mode = mode[i];
+        v[i].mode = passage[i].mode;
         v[i].to_lens = scale(1 / distance, back);
-        if (!(distance > 0) || !bsdf_follow(&v[i].point.surface, v[i].to_lens, v[i].mode, &f->w)) return false;
+        if (!(distance > 0) || !bsdf_pass(&v[i].point.surface, v[i].to_lens, &passage[i], &f->w)) return false;
         travel(&f->change, neg(v[i].to_lens), distance, v[i].point.surface.ng);
-        scatter(&f->change, scene, &v[i].point, v[i].to_lens, v[i].mode);
+        scatter(&f->change, scene, &v[i].point, v[i].to_lens, &passage[i]);
     }
     Vec3 from = v[1].point.p, ng = target->surface.ng;
     double distance = dot(sub(target->p, from), ng) / dot(f->w, ng);
@@ -81,44 +82,59 @@ static bool newton(const Flight *f, Vec3 w, Vec3 off, Vec3 *step)
 }
 
 /* Whether the search from the straight line to the lamp is likely to end at this way: its first step leads most of the way there. */
-static bool found_straight(const Scene *scene, const Vertex *v, int d)
+static bool found_straight(const Scene *scene, const Passage passage[], const Vertex *v, int d)
 {
     Vertex near[MOST_SPECULAR + 2];
-    Mode mode[MOST_SPECULAR + 2];
     Flight f;
     Vec3 step, there = neg(v[d - 1].to_lens), w = normalize(sub(v[0].point.p, v[d].point.p)), off = sub(there, w);
-    for (int i = 1; i < d; i++) mode[i] = v[i].mode;
     near[d].point = v[d].point;
-    if (!fly(scene, mode, near, d, w, &v[0].point, &f) || !newton(&f, w, sub(v[0].point.p, f.arrival), &step)) return false;
+    if (!fly(scene, passage, near, d, w, &v[0].point, &f) || !newton(&f, w, sub(v[0].point.p, f.arrival), &step)) return false;
     Vec3 left = sub(there, normalize(add(w, step)));
     return dot(left, left) < 0.25 * dot(off, off) || dot(off, off) < 1e-12;
+}
+
+/* How the way v[d] .. v[0] changes as its direction at v[d] does, at v[0]; 'basin' as in SpecularWay, NULL if nobody asks. */
+static Change arrival(const Scene *scene, const Passage passage[], const Vertex *v, int d, double *basin)
+{
+    Change c = leave(neg(v[d - 1].to_lens));
+    for (int i = d - 1; ; i--) {
+        const Point *at = &v[i].point;
+        travel(&c, neg(v[i].to_lens), length(sub(v[i + 1].point.p, at->p)), at->surface.ng);
+        if (i == 0) return c;
+        if (basin) *basin = smaller(*basin, unchanged(scene, &v[i], &c));
+        scatter(&c, scene, at, v[i].to_lens, &passage[i]);
+    }
+}
+
+static double spread(const Change *c) { return 1 / length(cross(c->p[0], c->p[1])); }
+
+double specular_spread(const Scene *scene, const Passage passage[], const Vertex *v, int d)
+{
+    Change c = arrival(scene, passage, v, d, NULL);
+    return spread(&c);
 }
 
 SpecularWay specular_way(const Scene *scene, const Vertex *v, int d)
 {
     SpecularWay way = { .basin = 2 * PI, .through = true };
-    Change c = leave(neg(v[d - 1].to_lens));
-    for (int i = d - 1; i >= 0; i--) {
-        const Point *at = &v[i].point;
-        travel(&c, neg(v[i].to_lens), length(sub(v[i + 1].point.p, at->p)), at->surface.ng);
-        if (i == 0) break;
-        way.basin = smaller(way.basin, unchanged(scene, &v[i], &c));
-        scatter(&c, scene, at, v[i].to_lens, v[i].mode);
+    Passage passage[MOST_SPECULAR + 2];
+    for (int i = 1; i < d; i++) {
+        passage[i] = (Passage){ .mode = v[i].mode };
         way.through = way.through && v[i].mode == MODE_REFRACT;
     }
-    Vec3 area = cross(c.p[0], c.p[1]);
-    way.spread = 1 / length(area);
-    way.through = way.through && found_straight(scene, v, d);
+    Change c = arrival(scene, passage, v, d, &way.basin);
+    way.spread = spread(&c);
+    way.through = way.through && found_straight(scene, passage, v, d);
     return way;
 }
 
-bool specular_search(const Scene *scene, const Mode mode[], Vertex *v, int d, Vec3 w, const Point *target)
+bool specular_search(const Scene *scene, const Passage passage[], Vertex *v, int d, Vec3 w, const Point *target)
 {
     Vec3 best = w, step = vec3(0, 0, 0);
     double nearest = INFINITY, part = 1;
     for (int n = 0; n < MOST_TRIES && part > 0.1; n++) {
         Flight f;
-        if (fly(scene, mode, v, d, w, target, &f)) {
+        if (fly(scene, passage, v, d, w, target, &f)) {
             Vec3 off = sub(target->p, f.arrival);
             double distance = length(off);
             if (distance < THERE) {

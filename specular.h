@@ -1,4 +1,4 @@
-/* Ways through specular vertices: from a vertex that is none, D, by the modes of a chain to a point of a lamp. The direction that leads there is searched
+/* Ways through specular vertices: from a vertex that is none, D, by the modes of a chain (or by narrow lobes, copied) to a point of a lamp. The direction that leads there is searched
  * for by Newton's method. [Jakob and Marschner 2012: manifold exploration; Hanika, Droske, Fascione 2015: manifold next event estimation]
  *
  * Vertices are numbered as in a path: v[d] is D, v[d-1] .. v[1] are specular, v[0] is the lamp's point. Knows no chain and no image. */
@@ -30,8 +30,11 @@ static inline SpecularChance specular_chance(const SpecularWay *way, double pdf_
 /* Whether ways of d edges to a lamp are looked for at all. Not to a mirror that emits: guesses go on from there. */
 static inline bool specular_sought(const Point *lamp, int d) { return d - 1 <= MOST_SPECULAR && !material_is_specular(lamp->surface.material); }
 
-/* Sets v[d-1] .. v[0] to the way from v[d] to the target by mode[d-1] .. mode[1] that is found from a first guess w, if it is found, and nothing is in between. */
-bool specular_search(const Scene *scene, const Mode mode[], Vertex *v, int d, Vec3 w, const Point *target);
+/* Of the same the spread alone, by passage[d-1] .. passage[1], which may be narrow lobes. */
+double specular_spread(const Scene *scene, const Passage passage[], const Vertex *v, int d);
+
+/* Sets v[d-1] .. v[0] to the way from v[d] to the target by those passages that is found from a first guess w, if it is found, and nothing is in between. */
+bool specular_search(const Scene *scene, const Passage passage[], Vertex *v, int d, Vec3 w, const Point *target);
 
 /* Whether specular vertices of two ways of one length are nearer to each other than so much. */
 bool specular_near(const Vertex *a, const Vertex *b, int d, double distance);

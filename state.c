@@ -71,14 +71,14 @@ static uint64_t identity(const Scene *scene, const Settings *s)
     return h;
 }
 
-static const char MAGIC[] = "MLTRUNE\n";            /* the number changes with what is kept */
+static const char MAGIC[] = "MLTRUNF\n";            /* the number changes with what is kept */
 
 typedef struct {
     char magic[8];
     uint64_t identity, seed, path_bytes;
     uint32_t width, height;
     uint32_t integrator, direct;
-    uint32_t specular, unused;     /* Scene.has_specular */
+    uint32_t specular, narrow;     /* Scene.has_specular, has_narrow */
 } Header;
 
 typedef struct { FILE *file; bool write, ok; } Stream;
@@ -170,7 +170,7 @@ static Header header_of(const Render *r)
     const Camera *c = &r->scene->camera;
     Header header = { .identity = identity(r->scene, r->settings), .seed = r->settings->seed, .path_bytes = sizeof(Path), .width = c->width,
                       .height = c->height, .integrator = (uint32_t)r->settings->integrator, .direct = (uint32_t)r->settings->direct,
-                      .specular = r->scene->has_specular };
+                      .specular = r->scene->has_specular, .narrow = r->scene->has_narrow };
     memcpy(header.magic, MAGIC, sizeof header.magic);
     return header;
 }
@@ -278,6 +278,7 @@ static Render *read_run(FILE *file, const Header *header, const char *path, Repo
         scene->camera.width = header->width;
         scene->camera.height = header->height;
         scene->has_specular = header->specular;
+        scene->has_narrow = header->narrow;
         settings->integrator = (Integrator)header->integrator;
         settings->direct = (DirectLight)header->direct;
         settings->seed = header->seed;

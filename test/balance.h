@@ -82,8 +82,9 @@ static inline void balance_classes(const Space *space, const Path *x, unsigned c
     for (int i = 1; i < x->k; i++)
         if (x->v[i].mode != MODE_NONE) { specular += specular < 3; q *= x->v[i].s.q; }
     int turned, m = caustic_suffix(x);
-    if (m >= 0) cosine = fabs(dot(x->v[m].to_lens, x->v[m].point.surface.ng));
-    else if ((m = lens_suffix(x, &turned)) >= 0)
+    for (int i = m; i >= 0 && i < x->k - 1; i++)
+        if (x->v[i].mode == MODE_NONE) cosine *= fabs(dot(x->v[i].to_lens, x->v[i].point.surface.ng));
+    if (m < 0 && ((m = chain_suffix(x, &turned)) >= 0 || (m = lens_suffix(x)) >= 0))
         for (int i = m + 1; i < x->k; i++)
             if (x->v[i].mode == MODE_NONE) cosine *= fabs(dot(x->v[i - 1].to_lens, x->v[i].point.surface.ng));
     double near = length(sub(x->v[x->k].point.p, x->v[x->k - 1].point.p)), far = length(sub(x->v[1].point.p, x->v[0].point.p));

@@ -21,7 +21,7 @@ static inline double fresh_difference(const Space *space, const Path *x, Path *w
     work->pixel = UINT32_MAX;
     work->known.d = 0;
     for (int i = 0; i <= x->k; i++) {
-        work->v[i].s = (Scatter){ { NAN, NAN, NAN }, NAN, NAN, NAN, NAN };
+        work->v[i].s = (Scatter){ { NAN, NAN, NAN }, NAN, NAN, NAN, NAN, !x->v[i].s.narrow };
         work->v[i].to_lens = vec3(NAN, NAN, NAN);
         work->v[i].inv_G = NAN;
     }
@@ -38,6 +38,7 @@ static inline double fresh_difference(const Space *space, const Path *x, Path *w
         if (i < x->k) fresh_worse(&worst, a->s.inv_S_lens, b->s.inv_S_lens);
         fresh_worse(&worst, a->s.inv_F, b->s.inv_F);
         if (i > 0 && i < x->k) fresh_worse(&worst, a->s.q, b->s.q);
+        if (a->s.narrow != b->s.narrow) return INFINITY;
         fresh_apart(&worst, a->s.colour, b->s.colour);
         if (i == x->k) break;
         fresh_worse(&worst, a->inv_G, b->inv_G);

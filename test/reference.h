@@ -29,15 +29,17 @@ typedef enum {
     FAULT_NO_COSINE,           /* a turned direction's density per solid angle used as one per projected solid angle */
     FAULT_NO_ETA,              /* S> and S< alike at an interface */
     FAULT_NO_NORMALS,          /* S> and S< alike where n_s is not n_g */
+    FAULT_LOBE_LOST,           /* a narrow lobe followed by its mirror image, not by the copied place in it */
     FAULTS
 } Fault;
 static const char *const fault_name[FAULTS] = { "none", "a way left out", "G of the wrong edge", "tables not normalised again", "p_d2 left out",
-    "q of a copied mode", "q of a drawn mode left out", "cosine left out", "eta^2 left out", "normals' factor left out" };
+    "q of a copied mode", "q of a drawn mode left out", "cosine left out", "eta^2 left out", "normals' factor left out",
+    "place in a narrow lobe lost" };
 
 /* ---- one vertex ---- */
 
 typedef struct {
-    bool passes, specular;
+    bool passes, specular, narrow;
     Real f[3];                 /* f_s |w_L.n_s|/|w_L.n_g|; L_e at x_0; W_e at x_k */
     Real F;                    /* its largest channel */
     Real p_lens, p_light;      /* per projected solid angle; a specular vertex's without q */
@@ -71,6 +73,22 @@ static inline void ref_f_diffuse(const Surface *s, Vec3 a, Vec3 b, Real f[3])
     f[2] = s->kd.z / pi + s->material->ks.z * lobe;
 }
 
+/* Light goes by a narrow lobe: the Phong part of f_s, with an exponent of 100 or more, is larger than Lambert's. */
+static inline bool ref_narrow(const Surface *s, Vec3 a, Vec3 b)
+{
+    const Material *m = s->material;
+    if (material_is_specular(m) || !(m->ns >= 100) || (m->ks.x == 0 && m->ks.y == 0 && m->ks.z == 0)) return false;
+    Surface bare = *s;
+    Real with[3], diffuse[3];
+    Material dull = *m;
+    dull.ks = bare.kd = (Rgb){ 0, 0, 0 };
+    ref_f_diffuse(&bare, a, b, with);
+    bare = *s;
+    bare.material = &dull;
+    ref_f_diffuse(&bare, a, b, diffuse);
+    return fmaxl(with[0], fmaxl(with[1], with[2])) > fmaxl(diffuse[0], fmaxl(diffuse[1], diffuse[2]));
+}
+
 static inline RefScatter ref_scatter(const Surface *s, Vec3 wl, Vec3 we, Mode mode, Fault fault)
 {
     RefScatter r = { .q = 1, .specular = material_is_specular(s->material) };
@@ -82,6 +100,7 @@ static inline RefScatter ref_scatter(const Surface *s, Vec3 wl, Vec3 we, Mode mo
     if (!r.specular) {
         ref_f_diffuse(s, wl, we, r.f);
         for (int c = 0; c < 3; c++) r.f[c] *= ref_abs(ls) / ref_abs(lg);
+        r.narrow = ref_narrow(s, wl, we);
         /* test_bsdf.c checks this density against its sampler */
         r.p_lens = bsdf_pdf_pw(s, wl, we);
         r.p_light = bsdf_pdf_pw(s, we, wl);
@@ -297,33 +316,42 @@ static inline Real ref_angle(Vec3 a, Vec3 b)
     return atan2l(sqrtl(ref_dot(c, c)), ref_dot(a, b));
 }
 
-/* Parsed from the lens: skip S*; a D; as long as its neighbour towards the light is S, that chain's far end too. The last vertex to move, -1
- * if the suffix is not (L|D) D (S+ D)* S* E nor, with 0 as the answer, L (S+ D)+ S* E. */
-static inline int ref_lens_suffix(const Path *x, int *turned)
+/* Specular, or passed by a narrow lobe */
+static inline bool ref_sharp(const Path *x, int i)
 {
-    int i = x->k - 1;
-    *turned = 0;
-    while (i > 0 && x->v[i].mode != MODE_NONE) i--;
-    if (i <= 0) return -1;
-    for (;;) {
-        if (i == 0 || i - 1 == 0 || x->v[i - 1].mode == MODE_NONE) return i;
+    if (i <= 0 || i >= x->k) return false;
+    Vec3 a = normalize(sub(x->v[i - 1].point.p, x->v[i].point.p)), b = normalize(sub(x->v[i + 1].point.p, x->v[i].point.p));
+    return x->v[i].mode != MODE_NONE || ref_narrow(&x->v[i].point.surface, a, b);
+}
+
+/* Parsed from the lens, for the row of that name; the first vertex to move, -1 if the suffix is another; S is sharp, but for 'subpath' specular.
+ * Skip S*; a D. For 'lens' and 'subpath' its neighbour must not be specular. For 'chain', as long as its neighbour is S, that chain's far end too, and
+ * there must be such a chain: L (S+ D)+ S* E has the answer 0, and so has L S+ E if not all of it is specular. */
+static inline int ref_lens_suffix(const Path *x, const char *row)
+{
+    int i = x->k - 1, turned = 0, lobes = 0;
+    bool subpath = strcmp(row, "subpath") == 0;
+    while (i > 0 && (subpath ? x->v[i].mode != MODE_NONE : ref_sharp(x, i))) lobes += x->v[i--].mode == MODE_NONE;
+    if (strcmp(row, "chain") != 0) return i > 0 && (i == 1 || x->v[i - 1].mode == MODE_NONE) ? i : -1;
+    while (i > 1 && ref_sharp(x, i - 1)) {
         i--;
-        while (i > 0 && x->v[i].mode != MODE_NONE) i--;
-        ++*turned;
+        while (i > 0 && ref_sharp(x, i)) i--;
+        turned++;
     }
+    return turned > 0 || (i == 0 && lobes > 0) ? i : -1;
 }
 
 /* (L|D) S* D E: the (L|D), or -1 */
 static inline int ref_caustic_suffix(const Path *x)
 {
     int i = x->k - 1;
-    if (i <= 0 || x->v[i].mode != MODE_NONE) return -1;
-    for (i--; i > 0 && x->v[i].mode != MODE_NONE; i--) {}
+    if (i <= 0 || ref_sharp(x, i)) return -1;
+    for (i--; i > 0 && ref_sharp(x, i); i--) {}
     return i;
 }
 
 /* Density of y's vertices m .. k-1 as a walk from the lens makes them out of x (same k for the perturbations): the film's density, copied modes
- * at specular vertices, x's directions turned at the others; y_m only receives. *kernels gets the density of the steps, which is the same
+ * at specular vertices, the copied place in the lobe at narrow ones (a rotation: 1 per solid angle), x's directions turned at the others; y_m only receives. *kernels gets the density of the steps, which is the same
  * both ways. 'drawn': a fresh raster position and drawn modes instead. */
 static inline Real ref_T_lens(const Space *space, const Tuning *tuning, const RefPath *x, const RefPath *y, int m, bool drawn, Fault fault, Real *kernels)
 {
@@ -339,8 +367,7 @@ static inline Real ref_T_lens(const Space *space, const Tuning *tuning, const Re
         if (i == y->k) p *= s->p_light;                         /* 1 over the film's area, as a density per projected solid angle: W_e */
         else if (ref_specular(y, i)) p *= s->p_light * ((drawn && fault != FAULT_DRAWN_AS_COPIED) || fault == FAULT_COPIED_AS_DRAWN ? s->q : 1);
         else {
-            Real theta = ref_angle(x->v[i - 1].to_lens, y->v[i - 1].to_lens);
-            *kernels *= ref_kernel_angle(tuning, theta);
+            if (!s->narrow) *kernels *= ref_kernel_angle(tuning, ref_angle(x->v[i - 1].to_lens, y->v[i - 1].to_lens));
             if (fault != FAULT_NO_COSINE) p /= y->v[i].cos_light;
         }
         p *= y->v[i - 1].G;
@@ -354,7 +381,7 @@ static inline Real ref_T_caustic(const Tuning *tuning, const RefPath *x, const R
     *kernels = ref_kernel_angle(tuning, ref_angle(x->v[m].to_lens, y->v[m].to_lens));
     for (int i = m; i < y->k - 1; i++) {                        /* y_i gives y_{i+1} */
         const RefScatter *s = &y->v[i].s;
-        if (i > m) p *= s->p_lens * (fault == FAULT_COPIED_AS_DRAWN ? s->q : 1);
+        if (ref_specular(y, i)) p *= s->p_lens * (fault == FAULT_COPIED_AS_DRAWN ? s->q : 1);
         else if (fault != FAULT_NO_COSINE) p /= y->v[i].cos_lens;
         p *= y->v[i].G;
     }

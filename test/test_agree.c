@@ -145,6 +145,7 @@ static void test_scenes(void)
         { "test/scenes/underwater.obj", 6, true, false, false, { 64, 24, 96, 6000 } },
         { "test/scenes/direct.obj", 6, true, true, false, { 48, 24, 96, 6000 } },
         { "test/scenes/lens-dof.obj", 5, true, true, false, { 48, 24, 96, 6000 } },
+        { "test/scenes/narrow.obj", 6, true, true, false, { 48, 24, 96, 6000 } },
         { "test/scenes/texture.obj", 4, true, true, true, { 48, 16, 96, 4000 } },
         { "test/scenes/lamps.obj", 5, true, true, true, { 48, 24, 96, 6000 } },
     };

@@ -101,6 +101,7 @@ static void test_rows(void)
         { "test/scenes/water-smooth.obj", 8, { .unit = 10, .cap = 30 }, 1.5e6, 4 },
         { "test/scenes/underwater.obj", 8, { .unit = 4, .cap = 17 }, 1e6, 3 },
         { "test/scenes/lens-dof.obj", 8, { .unit = 0.3, .cap = 0.6 }, 1.5e6, 3 },
+        { "test/scenes/narrow.obj", 7, { .unit = 0.5, .cap = 3 }, 4e5, 4 },
         { "tank", 6, { .unit = 0.5, .cap = 3 }, 1e5, 3 },
     };
     printf("each row alone and every pair, largest |z| over classes (false alarm beyond %.2f)\n", z_limit);
@@ -162,7 +163,7 @@ static const struct {
         { "caustic: |cos| left out", CAUSTIC, ALONE, NULL, caustic_no_cosine },
         { "chain: |cos| left out", CHAIN, ALONE, NULL, chain_no_cosine },
         { "caustic: normal factor left out of S>", CAUSTIC, ALONE, NULL, caustic_no_normals },
-        { "subpath: wrong suffix accepted", SUBPATH, ALONE, subpath_wrong_applies, NULL },
+        { "subpath: wrong suffix accepted", SUBPATH, ALONE, subpath_wrong_applies, subpath_wrong },
         { "caustic: suffix one vertex too far", CAUSTIC, ALONE, caustic_far_applies, caustic_far },
         { "bidir: T of the way taken alone", BIDIR, ALONE, NULL, bidir_one_way },
         { "caustic: T left out", CAUSTIC, ALONE, NULL, f_alone_caustic },
@@ -207,6 +208,12 @@ static const struct {
     { "tank", DIRECT_EXCLUDED, 8, 0, { .unit = 0.5, .cap = 3 }, 3e5, 12, 0.05, {
         { "manifold: right", MANIFOLD, ALONE, NULL, NULL },
         { "manifold: |dw/dx_0| left out", MANIFOLD, ALONE, NULL, manifold_no_spread },
+    } },
+    { "test/scenes/narrow.obj", DIRECT_EXCLUDED, 7, 0, { .unit = 0.5, .cap = 6 }, 1e6, 30, 0.1, {
+        { "narrow lobes, lens: |cos| left out", LENS, ALONE, NULL, lens_no_cosine },
+        { "narrow lobes, caustic: |cos| left out", CAUSTIC, ALONE, NULL, caustic_no_cosine },
+        { "narrow lobes, chain: |cos| left out", CHAIN, ALONE, NULL, chain_no_cosine },
+        { "narrow lobes, manifold: |dw/dx_0| left out", MANIFOLD, ALONE, NULL, manifold_no_spread },
     } },
     { "test/scenes/underwater.obj", DIRECT_EXCLUDED, 8, 0, { .unit = 4, .cap = 17 }, 1e6, 12, 0.05, {
         { "lens: drawn S for a copied mode", LENS, ALONE, NULL, lens_drawn },

@@ -534,6 +534,82 @@ static void test_jacobian(void)
     CHECK(planted > 0.1);
 }
 
+/* A unit vector near w. */
+static Vec3 beside(Vec3 w, double most, Rng *rng) { return normalize(along(w, most, anywhere(rng))); }
+
+/* Directions copied from another point: in a narrow lobe by a rotation (angles stay as they are), there and back; by a mode as bsdf_follow says. */
+static void test_pass(void)
+{
+    const Material metal = { .name = "metal", .ks = { 0.5, 0.5, 0.5 }, .ns = 400 }, broad = { .name = "broad", .ks = { 0.5, 0.5, 0.5 }, .ns = 20 };
+    double off = 0, apart = 0, back = 0, planted = 0;
+    int passed = 0;
+    Rng rng = rng_new(11, 1);
+    for (int t = 0; t < TILTS; t++)
+        for (int i = 0; i < 3000; i++) {
+            Surface there = surface_of(&metal, tilts[t]), here = surface_of(&metal, tilts[(t + i) % TILTS]);
+            Vec3 known_there = anywhere(&rng), known = beside(known_there, i % 3 * 0.5, &rng), m = bsdf_mirrored(&there, known_there), w, w2, again;
+            Passage one = bsdf_passage(&there, known_there, beside(m, 0.1, &rng), MODE_NONE), two = bsdf_passage(&there, known_there, beside(m, 0.1, &rng), MODE_NONE);
+            if (!bsdf_pass(&here, known, &one, &w) || !bsdf_pass(&here, known, &two, &w2)) continue;
+            Vec3 m_here = bsdf_mirrored(&here, known);
+            check_worse(&off, fabs(length(sub(w, m_here)) - length(sub(one.w, m))));
+            check_worse(&apart, fabs(length(sub(w, w2)) - length(sub(one.w, two.w))));
+            Passage home = bsdf_passage(&here, known, w, MODE_NONE);
+            if (CHECK(bsdf_pass(&there, known_there, &home, &again))) check_worse(&back, length(sub(again, one.w)));
+            planted = fmax(planted, fabs(length(sub(one.w, w2)) - length(sub(one.w, two.w))));     /* one of the two not rotated */
+            passed++;
+        }
+    printf("copied places in a lobe: %d, off the mirror image %.1e, apart %.1e, back %.1e; planted %.2g\n", passed, off, apart, back, planted);
+    CHECK(passed > TILTS * 1000);
+    CHECK_NEAR(off, 0, 1e-12);
+    CHECK_NEAR(apart, 0, 1e-12);
+    CHECK_NEAR(back, 0, 1e-9);         /* a large turn divides by a small 1 + a.b */
+    CHECK(planted > 0.01);
+    Surface s = surface_of(&broad, 0), mirror = surface_of(&specular[0], 0);
+    Vec3 known = normalize(along(s.ng, 0.4, vec3(0.6, 0.8, 0))), w, followed;
+    Passage lobe = bsdf_passage(&s, known, bsdf_mirrored(&s, known), MODE_NONE), mode = { .mode = MODE_REFLECT };
+    CHECK(!bsdf_pass(&s, known, &lobe, &w));
+    CHECK(!bsdf_pass(&mirror, known, &lobe, &w));
+    if (CHECK(bsdf_pass(&mirror, known, &mode, &w) && bsdf_follow(&mirror, known, MODE_REFLECT, &followed))) CHECK_NEAR(length(sub(w, followed)), 0, 0);
+}
+
+/* bsdf_pass_change against differences of bsdf_pass, the known direction and the normal both changing. */
+static void test_pass_change(void)
+{
+    const Material metal = { .name = "metal", .ks = { 0.5, 0.5, 0.5 }, .ns = 400 };
+    double worst = 0, planted = 0;
+    int compared = 0;
+    Rng rng = rng_new(12, 1);
+    for (int m = -1; m < SPECULAR; m++)
+        for (int i = 0; i < 2000; i++) {
+            Surface s = surface_of(m < 0 ? &metal : &specular[m], tilts[i % TILTS]), changed[2] = { s, s };
+            Vec3 known = anywhere(&rng), from = beside(known, 0.5, &rng), a, b, w, end[2];
+            Passage passage = bsdf_passage(&s, from, beside(bsdf_mirrored(&s, from), 0.1, &rng), m < 0 ? MODE_NONE : i % 2 ? MODE_REFRACT : MODE_REFLECT);
+            if (!bsdf_pass(&s, known, &passage, &w) || fabs(dot(known, s.ns)) < 0.1 || fabs(dot(w, s.ns)) < 0.1) continue;
+            const double h = 1e-5;
+            frame(known, &a, &b);
+            Vec3 d_known = along(scale(0.3, a), 0.7, b);
+            frame(s.ns, &a, &b);
+            Vec3 d_ns = along(scale(0.8, a), -0.5, b);
+            bool ok = true;
+            for (int j = 0; j < 2; j++) {
+                double step = j ? -h : h;
+                changed[j].ns = normalize(along(s.ns, step, d_ns));
+                ok = ok && bsdf_pass(&changed[j], normalize(along(known, step, d_known)), &passage, &end[j]);
+            }
+            if (!ok) continue;
+            Vec3 measured = scale(1 / (2 * h), sub(end[0], end[1])), told = bsdf_pass_change(&s, known, &passage, d_known, d_ns);
+            const Passage mirror = { .mode = MODE_REFLECT };
+            double large = 1 + length(measured);
+            check_worse(&worst, length(sub(measured, told)) / large);
+            if (m < 0) planted = fmax(planted, length(sub(measured, bsdf_pass_change(&s, known, &mirror, d_known, d_ns))) / large);   /* as at a mirror */
+            compared++;
+        }
+    printf("changes of what is copied: %d, worst %.1e; planted %.2g\n", compared, worst, planted);
+    CHECK(compared > 2000);
+    CHECK_NEAR(worst, 0, 1e-6);
+    CHECK(planted > 0.01);
+}
+
 /* Black surfaces scatter nothing; a cosine sample is what it says. */
 static void test_ends(void)
 {
@@ -597,6 +673,8 @@ int main(void)
     test_fresnel();
     test_specular();
     test_jacobian();
+    test_pass();
+    test_pass_change();
     test_ends();
     return check_report();
 }

@@ -156,8 +156,12 @@ for strategy in caustic chain; do
     check "$strategy: another strategy" says "^A mutation by '$strategy'"
     check "$strategy: nothing specular moved" says "q S[<>]("
 done
-one --strategy chain --accepted "$root/scenes/pool.obj"
 for scene in pool caustic; do one --strategy manifold --accepted "$root/scenes/$scene.obj"; done
+for strategy in lens caustic chain manifold; do
+    one --strategy $strategy --seed 2 --accepted "$root/test/scenes/narrow.obj"
+    check "$strategy: no narrow lobe was passed" says "keeps its place in the narrow lobe"
+done
+one --strategy chain --accepted "$root/scenes/pool.obj"
 check "chain: no turned direction" says "F|cos<|("
 check "chain: not accepted" says "The chain accepted y"
 for length in 3 6; do
@@ -179,8 +183,8 @@ refuses nowhere.obj
 
 # ---- the audit ----
 
-for scene in cornell caustic; do
-    explain 0 --audit -n 5000 "$root/scenes/$scene.obj"
+for scene in scenes/cornell scenes/caustic test/scenes/narrow; do
+    explain 0 --audit -n 5000 "$root/$scene.obj"
     check "audit of $scene: no row" says "^bidir  *5000 "
     check "audit of $scene: something is off" not says OFF
 done

@@ -24,30 +24,33 @@ static inline double inverse_q(const Path *x, int first)
         if (x->v[i].mode != MODE_NONE) product /= x->v[i].s.q;
     return product;
 }
-static inline double lens_q(const Space *s, const Path *x) { (void)s; int turned; return inverse_q(x, lens_suffix(x, &turned) + 1); }
+static inline double lens_q(const Space *s, const Path *x) { (void)s; return inverse_q(x, lens_suffix(x) + 1); }
+static inline double chain_q(const Space *s, const Path *x) { (void)s; int turned; return inverse_q(x, chain_suffix(x, &turned) + 1); }
 static inline double caustic_q(const Space *s, const Path *x) { (void)s; return inverse_q(x, caustic_suffix(x) + 1); }
 
-/* ---- |cos| of the turned directions left out ---- */
+/* ---- |cos| left out, of turned directions and narrow lobes ---- */
 
 static inline double caustic_cosine(const Space *s, const Path *x)
 {
     (void)s;
-    const Vertex *v = &x->v[caustic_suffix(x)];
-    return 1 / fabs(dot(v->to_lens, v->point.surface.ng));
-}
-static inline double chain_cosine(const Space *s, const Path *x)
-{
-    (void)s;
-    int turned;
     double product = 1;
-    for (int i = lens_suffix(x, &turned) + 1; i < x->k; i++)
+    for (int i = caustic_suffix(x); i < x->k - 1; i++)
+        if (x->v[i].mode == MODE_NONE) product /= fabs(dot(x->v[i].to_lens, x->v[i].point.surface.ng));
+    return product;
+}
+static inline double cosines_beyond(const Path *x, int m)
+{
+    double product = 1;
+    for (int i = m + 1; i < x->k; i++)
         if (x->v[i].mode == MODE_NONE) product /= fabs(dot(x->v[i - 1].to_lens, x->v[i].point.surface.ng));
     return product;
 }
+static inline double lens_cosine(const Space *s, const Path *x) { (void)s; return cosines_beyond(x, lens_suffix(x)); }
+static inline double chain_cosine(const Space *s, const Path *x) { (void)s; int turned; return cosines_beyond(x, chain_suffix(x, &turned)); }
 
 /* ---- the solid angle that arrives on an area of the lamp left out: the direction at D taken as if it were given ---- */
 
-static inline double join_of_spread(const Space *s, const Path *x) { return 1 / manifold_spread(s->scene, x); }
+static inline double join_of_spread(const Space *s, const Path *x) { return 1 / manifold_spread(s->scene, x, x); }
 static inline Outcome manifold_no_spread(const Space *s, const Tuning *t, const Path *x, Path *y, Rng *rng, Move *move)
 {
     return fault_factor(MANIFOLD, join_of_spread, s, t, x, y, rng, move);
@@ -74,7 +77,8 @@ static inline double left_choices(const Space *space, const Path *x) { return 1 
     { return fault_factor(row, g, space, tuning, x, y, rng, move); }
 FAULT_ROW(lens_drawn, LENS, lens_q)
 FAULT_ROW(caustic_drawn, CAUSTIC, caustic_q)
-FAULT_ROW(chain_drawn, CHAIN, lens_q)
+FAULT_ROW(chain_drawn, CHAIN, chain_q)
+FAULT_ROW(lens_no_cosine, LENS, lens_cosine)
 FAULT_ROW(caustic_no_cosine, CAUSTIC, caustic_cosine)
 FAULT_ROW(chain_no_cosine, CHAIN, chain_cosine)
 FAULT_ROW(bidir_no_choice, BIDIR, all_choices)
@@ -292,13 +296,23 @@ static inline Outcome subpath_scan(const Space *space, const Tuning *tuning, con
 
 /* ---- wrong suffix ---- */
 
-/* The lens subpath row on paths whose suffix is the chain row's: it takes the D before a specular chain for the end of the lens subpath,
+/* The lens subpath row on paths whose suffix is the chain row's, too: it takes the D before a specular chain for the end of the lens subpath,
  * and puts a path there from which nothing leads back. */
 static inline bool subpath_wrong_applies(const Space *space, const Path *x)
 {
-    (void)space;
     int turned;
-    return lens_suffix(x, &turned) > 0;
+    return chain_suffix(x, &turned) > 0 || mutation_table[SUBPATH].applies(space, x);
+}
+static inline Outcome subpath_wrong(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
+{
+    static Path shorter;                           /* x without what lies beyond that D */
+    int turned, m = chain_suffix(x, &turned);
+    path_copy(&shorter, x);
+    if (m > 0) {
+        shorter.v[m + 1] = x->v[x->k];
+        shorter.k = m + 1;
+    }
+    return mutation_table[SUBPATH].propose(space, tuning, &shorter, y, rng, move);
 }
 
 /* The caustic row, starting one non-specular vertex too far towards the light: what is (L|D) S* D S* D E ends at the light, at the middle D
@@ -309,6 +323,15 @@ static inline int too_far(const Path *x)
     if (m < 1) return -1;
     for (m--; m > 0 && x->v[m].mode != MODE_NONE; m--) { }
     return m;
+}
+static inline double taken_for_specular(const Path *y, int m)
+{
+    double R = caustic_R(y, m);
+    for (int i = m + 1; i < y->k - 1; i++) {
+        const Vertex *v = &y->v[i];
+        if (v->mode == MODE_NONE) R *= v->s.inv_F / fabs(dot(v->to_lens, v->point.surface.ng)) / v->s.inv_S_lens;
+    }
+    return R;
 }
 static inline bool caustic_far_applies(const Space *space, const Path *x) { (void)space; return too_far(x) >= 0; }
 static inline Outcome caustic_far(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Move *move)
@@ -329,7 +352,7 @@ static inline Outcome caustic_far(const Space *space, const Tuning *tuning, cons
         if (!path_scatter(space, y, i)) return ZERO_SIDE;
     path_finish(space, y);
     if (!(y->chi > 0)) return ZERO_CLASS;
-    *move = (Move){ .R_yx = caustic_R(y, m), .R_xy = caustic_R(x, m), .joined = k - 1, .first = m + 1, .last = k - 1 };
+    *move = (Move){ .R_yx = taken_for_specular(y, m), .R_xy = taken_for_specular(x, m), .joined = k - 1, .first = m + 1, .last = k - 1 };
     return PROPOSED;
 }
 #endif

@@ -21,7 +21,7 @@ enum { MAX_DEPTH = 16, WORK_PATHS = 3 };
 static const char *const scene_path[] = {
     "scenes/cornell.obj", "scenes/caustic.obj", "scenes/door.obj", "scenes/furnace.obj", "scenes/glossy.obj", "scenes/pool.obj",
     "test/scenes/blind.obj", "test/scenes/dark.obj", "test/scenes/direct.obj", "test/scenes/lens-dof.obj", "test/scenes/mirror-smooth.obj",
-    "test/scenes/texture.obj", "test/scenes/underwater.obj", "test/scenes/water-smooth.obj",
+    "test/scenes/narrow.obj", "test/scenes/texture.obj", "test/scenes/underwater.obj", "test/scenes/water-smooth.obj",
 };
 enum { SCENES = sizeof scene_path / sizeof scene_path[0] };
 
@@ -47,7 +47,7 @@ static RefMove reference_move(const Space *space, const Tuning *tuning, const ch
         return r;
     }
     Real kernel_yx, kernel_xy;
-    int m, turned;
+    int m;
     if (strcmp(row, "caustic") == 0) {
         m = ref_caustic_suffix(px);
         r.T_yx = ref_T_caustic(tuning, x, y, m, fault, &kernel_yx);
@@ -56,7 +56,7 @@ static RefMove reference_move(const Space *space, const Tuning *tuning, const ch
         r.R_xy = x->chi * ref_segment(x, m, x->k) / r.T_xy;
     } else {
         bool drawn = strcmp(row, "subpath") == 0;
-        m = ref_lens_suffix(px, &turned);
+        m = ref_lens_suffix(px, row);
         r.T_yx = ref_T_lens(space, tuning, x, y, m, drawn, fault, &kernel_yx);
         r.T_xy = ref_T_lens(space, tuning, y, x, m, drawn, fault, &kernel_xy);
         r.R_yx = y->chi * ref_segment(y, m - 1, y->k) / r.T_yx;
@@ -77,6 +77,16 @@ typedef struct {
     uint64_t wrong;                    /* things that may not happen at all */
     char note[200];
 } Worst;
+
+/* How far light leaves a vertex off the mirror image. */
+static Real off_mirrored(const Path *p, const RefPath *r, int i)
+{
+    Vec3 n = p->v[i].point.surface.ns, lens = r->v[i].to_lens, light = neg(r->v[i - 1].to_lens);
+    return ref_angle(sub(scale(2 * dot(lens, n), n), lens), light);
+}
+
+/* By how much that may be off: rays leave their surfaces by up to 2^-21 (scene.c), which turns the edges between the recorded points a little. */
+static double turn_slack(const RefPath *r, int i) { return 0x1p-19 * (double)(sqrtl(r->v[i - 1].inv_d2) + sqrtl(r->v[i].inv_d2)); }
 
 static void compare(const Space *space, const Sampler *sampler, const char *row, const Path *px, const Path *py, const Move *move, Worst *worst)
 {
@@ -132,6 +142,14 @@ static void compare(const Space *space, const Sampler *sampler, const char *row,
         if (strcmp(row, "caustic") == 0) worst->wrong += theta < tuning->theta2 * exp(tuning->log_theta) - turn || theta > tuning->theta2 + turn;
         else worst->wrong += r_film < tuning->r2 * exp(tuning->log_r) * (1 - slack) - 1e-9 || r_film > tuning->r2 * (1 + slack);
         for (int i = 1; i < px->k; i++) worst->wrong += px->v[i].mode != py->v[i].mode;      /* copied modes */
+        for (int i = 1; i < px->k; i++) {      /* copied places in narrow lobes; from y the move must be possible, too */
+            bool towards_lens = strcmp(row, "caustic") == 0, moved = towards_lens ? i > m : i > move->first;
+            if (moved) worst->wrong += x->v[i].s.narrow != y->v[i].s.narrow;
+            if (!moved || !x->v[i].s.narrow) continue;
+            double off = fabs((double)(off_mirrored(px, x, i) - off_mirrored(py, y, i)));
+            worst->wrong += off > turn_slack(x, i) + turn_slack(y, i);
+        }
+        worst->wrong += strcmp(row, "caustic") == 0 ? ref_caustic_suffix(py) != m : ref_lens_suffix(py, row) != move->first;
     }
 }
 
@@ -301,6 +319,9 @@ static void test_faults(void)
         { FAULT_COPIED_AS_DRAWN, 3, "scenes/pool.obj", 0.5 },
         { FAULT_NO_COSINE, 2, "scenes/caustic.obj", 0.5 },
         { FAULT_NO_COSINE, 3, "scenes/pool.obj", 0.5 },
+        { FAULT_NO_COSINE, 1, "test/scenes/narrow.obj", 0.5 },
+        { FAULT_NO_COSINE, 2, "test/scenes/narrow.obj", 0.5 },
+        { FAULT_NO_COSINE, 3, "test/scenes/narrow.obj", 0.5 },
         { FAULT_NO_ETA, 0, "test/scenes/underwater.obj", 0.5 },
         { FAULT_NO_NORMALS, 0, "test/scenes/water-smooth.obj", 0.5 },
         { FAULT_NO_NORMALS, 0, "test/scenes/mirror-smooth.obj", 0.5 },
@@ -689,6 +710,24 @@ static Vec3 turned(const Tuning *t, Vec3 w, Rng *rng, Fault fault)
     return add(scale(cos(theta), w), scale(sin(theta), add(scale(cos(phi), a), scale(sin(phi), b))));
 }
 
+/* w, off the mirror image at 'old' as it is, by the rotation that takes that to the mirror image here. [Rodrigues] */
+static Vec3 carried(const Surface *old, Vec3 known_old, Vec3 w, const Surface *here, Vec3 known, Fault fault)
+{
+    Vec3 a = sub(scale(2 * dot(known_old, old->ns), old->ns), known_old), b = sub(scale(2 * dot(known, here->ns), here->ns), known);
+    double sine = length(cross(a, b)), cosine = dot(a, b);
+    if (fault != FAULT_NONE) return b;                 /* planted: the mirror image itself */
+    if (!(sine > 0)) return w;
+    Vec3 axis = normalize(cross(a, b));
+    return normalize(add(add(scale(cosine, w), scale(sine, cross(axis, w))), scale((1 - cosine) * dot(axis, w), axis)));
+}
+
+static bool same_lobes(const Path *x, const Path *y, int from)
+{
+    for (int i = from > 0 ? from : 1; i < x->k; i++)
+        if (ref_sharp(x, i) != ref_sharp(y, i)) return false;
+    return true;
+}
+
 static bool evaluates(const Space *space, Path *y)
 {
     if (y->k > space->max_depth) return false;
@@ -702,10 +741,11 @@ static bool evaluates(const Space *space, Path *y)
     return i > 1;
 }
 
-static bool walk_from_lens(const Space *space, const Tuning *tuning, const Path *x, Path *y, bool drawn, Rng *rng, Fault fault)
+static bool walk_from_lens(const Space *space, const Tuning *tuning, const Path *x, Path *y, const char *row, Rng *rng, Fault fault)
 {
     const Camera *camera = &space->scene->camera;
-    int unused, m = ref_lens_suffix(x, &unused), n = 0;
+    bool drawn = strcmp(row, "subpath") == 0;
+    int m = ref_lens_suffix(x, row), n = 0;
     double rx = rng_double(rng) * camera->width, ry = rng_double(rng) * camera->height;
     if (!drawn) {
         double u = rng_double(rng), r = tuning->r2 * exp(tuning->log_r * u), phi = 2 * PI * rng_double(rng);
@@ -739,6 +779,10 @@ static bool walk_from_lens(const Space *space, const Tuning *tuning, const Path 
         } else if (old->mode != MODE_NONE) {
             v[n].mode = old->mode;
             ok = specular && bsdf_follow(surface, neg(w), old->mode, &w);
+        } else if (ref_sharp(x, x->k - 1 - n)) {
+            ok = !specular;
+            w = carried(&old->point.surface, normalize(sub(old[1].point.p, old->point.p)), normalize(sub(old[-1].point.p, old->point.p)), surface, neg(w),
+                        fault == FAULT_LOBE_LOST ? fault : FAULT_NONE);
         } else {
             ok = !specular;
             w = turned(tuning, neg(normalize(sub(old->point.p, old[-1].point.p))), rng, fault == FAULT_DRAWN_AS_COPIED ? fault : FAULT_NONE);
@@ -753,22 +797,27 @@ static bool walk_from_lens(const Space *space, const Tuning *tuning, const Path 
         for (int i = 0; i <= n; i++) y->v[y->k - 1 - i] = v[i];
     } else ok = false;
     free(v);
-    return ok && evaluates(space, y);
+    return ok && (drawn || same_lobes(x, y, strcmp(row, "chain") == 0 ? m - 1 : m)) && evaluates(space, y);
 }
 
 static bool walk_from_caustic(const Space *space, const Tuning *tuning, const Path *x, Path *y, Rng *rng, Fault fault)
 {
     int m = ref_caustic_suffix(x);
     path_copy(y, x);
-    Vec3 w = turned(tuning, normalize(sub(x->v[m + 1].point.p, x->v[m].point.p)), rng, fault);
+    Vec3 w = turned(tuning, normalize(sub(x->v[m + 1].point.p, x->v[m].point.p)), rng, fault == FAULT_LOBE_LOST ? FAULT_NONE : fault);
     for (int i = m + 1; i < x->k; i++) {
         Point hit;
         if (!scene_trace(space->scene, &y->v[i - 1].point, w, &hit)) return false;
         y->v[i].point = hit;
         if (material_is_specular(hit.surface.material) != (x->v[i].mode != MODE_NONE)) return false;
-        if (i < x->k - 1 && !bsdf_follow(&hit.surface, neg(w), x->v[i].mode, &w)) return false;
+        if (i == x->k - 1) break;
+        Vec3 p = x->v[i].point.p;
+        if (x->v[i].mode == MODE_NONE)
+            w = carried(&x->v[i].point.surface, normalize(sub(x->v[i - 1].point.p, p)), normalize(sub(x->v[i + 1].point.p, p)), &hit.surface, neg(w),
+                        fault == FAULT_LOBE_LOST ? fault : FAULT_NONE);
+        else if (!bsdf_follow(&hit.surface, neg(w), x->v[i].mode, &w)) return false;
     }
-    return evaluates(space, y);
+    return same_lobes(x, y, m) && evaluates(space, y);
 }
 
 /* The scale of the step (8) and its direction (8), the second scale where a direction was turned too; for the subpath mutation the number of
@@ -792,7 +841,7 @@ static int step_cell(const Space *space, const Tuning *tuning, const char *row, 
     angle = atan2(ry[1] - ry[0], rx[1] - rx[0]);
     if (caustic || chain) {
         int i = x->k - 1;              /* the turned vertex, and the next one along the turned direction */
-        while (chain && x->v[i].mode != MODE_NONE) i--;
+        while (chain && i > 1 && ref_sharp(x, i)) i--;
         if (caustic) i = ref_caustic_suffix(x);
         int next = caustic ? i + 1 : i - 1;
         Vec3 p, q, old = normalize(sub(x->v[next].point.p, x->v[i].point.p)), w = normalize(sub(y->v[next].point.p, y->v[i].point.p));
@@ -819,7 +868,7 @@ static void steps(const Stage *stage, const Path *x, int row, uint64_t n, uint64
         if (mutation_table[row].propose(space, tuning, x, y, &rng, &move) == PROPOSED) put(&seen, step_cell(space, tuning, name, x, y), 1);
         for (int h = 0; h < (fault == FAULT_NONE ? 1 : 2); h++) {
             Fault f = h ? fault : FAULT_NONE;
-            bool ok = row == 2 ? walk_from_caustic(space, tuning, x, y, &rng, f) : walk_from_lens(space, tuning, x, y, row == 4, &rng, f);
+            bool ok = row == 2 ? walk_from_caustic(space, tuning, x, y, &rng, f) : walk_from_lens(space, tuning, x, y, name, &rng, f);
             if (ok) put(&told[h], step_cell(space, tuning, name, x, y), 1);
         }
     }
@@ -889,6 +938,7 @@ static void test_proposals(uint64_t n)
         { 2, "scenes/caustic.obj", FAULT_NO_COSINE }, { 2, "test/scenes/mirror-smooth.obj", FAULT_NO_COSINE },
         { 3, "scenes/pool.obj", FAULT_DRAWN_AS_COPIED }, { 3, "test/scenes/water-smooth.obj", FAULT_DRAWN_AS_COPIED },
         { 4, "scenes/pool.obj", FAULT_DRAWN_AS_COPIED }, { 4, "scenes/cornell.obj", FAULT_NONE }, { 4, "test/scenes/underwater.obj", FAULT_DRAWN_AS_COPIED },
+        { 1, "test/scenes/narrow.obj", FAULT_NO_COSINE }, { 2, "test/scenes/narrow.obj", FAULT_LOBE_LOST }, { 3, "test/scenes/narrow.obj", FAULT_LOBE_LOST },
     };
     for (size_t i = 0; i < sizeof plan / sizeof plan[0]; i++) {
         Stage stage;
