@@ -49,24 +49,30 @@ static double preference(const Space *space, const Point *at, const Point *light
     return space->film ? scene_light_preference(space->scene, at, light) : 1;
 }
 
+/* Of light that leaves a lamp's point in the unit direction w. */
+static Scatter emission(const Space *space, const Point *lamp, Vec3 w)
+{
+    Scatter s = bsdf_emission(lamp->surface.material);
+    s.inv_S_lens *= path_emission_ratio(space, lamp, w);
+    return s;
+}
+
 static void trace_light(Bdpt *b, const Space *space, Rng *rng)
 {
     Path *p = &b->light;
     p->k = MAX_EDGES;
     path_grow_to_lens(space, p, -1, rng);
     const Material *m = p->v[0].point.surface.material;
-    double emitted = max3(m->ke);
     p->light_pdf_a = scene_light_pdf_a(space->scene, m);
-    p->v[0].s = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1, false };
-    b->sum[0] = 1 / emitted;
-    b->traced[0] = b->sum[0];
+    p->v[0].s = bsdf_emission(m);
+    b->traced[0] = b->sum[0] = p->v[0].s.inv_F;
     b->light_survival[0] = 1;
     b->grown[0] = p->light_pdf_a;
     b->light_colour[0] = p->v[0].s.colour;
     b->n_light = 1;
     for (int i = 0; i < space->max_depth - 1; i++) {
         if (i > 0 && rng_double(rng) >= path_survival(&p->v[i].point)) return;
-        if (!path_grow_to_lens(space, p, i, rng)) return;
+        if (!(i > 0 ? path_grow_to_lens(space, p, i, rng) : path_leave_lamp(space, p, rng))) return;
         if (i > 0) {                           /* v[i] is now known from both sides */
             if (!path_scatter(space, p, i)) return;
             double inv_C = path_inv_C(p, i - 1);
@@ -76,7 +82,10 @@ static void trace_light(Bdpt *b, const Space *space, Rng *rng)
             b->grown[i] = b->grown[i - 1] * p->v[i - 1].s.inv_S_lens;
             b->light_colour[i] = mul(b->light_colour[i - 1], p->v[i].s.colour);
         }
-        else b->preference = preference(space, &p->v[1].point, &p->v[0].point);
+        else {
+            p->v[0].s = emission(space, &p->v[0].point, p->v[0].to_lens);
+            b->preference = preference(space, &p->v[1].point, &p->v[0].point);
+        }
         b->light_survival[i + 1] = b->light_survival[i] * path_survival(&p->v[i + 1].point);
         b->n_light = i + 2;
     }
@@ -242,9 +251,8 @@ static bool join(Bdpt *b, const Space *space, int n_light, int n_lens, Rng *rng,
     Rgb colour;
     if (n_light == 0) {                        /* the lens subpath met a light by itself */
         const Material *m = lens->point.surface.material;
-        double emitted = max3(m->ke);
-        if (!(emitted > 0) || dot(lens->to_lens, lens->point.surface.ng) <= 0) return false;
-        at_lens = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1, false };
+        if (!material_emits(m) || dot(lens->to_lens, lens->point.surface.ng) <= 0) return false;
+        at_lens = emission(space, &lens->point, lens->to_lens);
         double preferred = n_lens > 2 ? preference(space, &lens[1].point, &lens->point) : 1;
         routes = (Routes){ at_lens.inv_F, scene_light_pdf_a(space->scene, m), at_lens.inv_F, preferred, 1 };
         colour = at_lens.colour;
@@ -264,6 +272,7 @@ static bool join(Bdpt *b, const Space *space, int n_light, int n_lens, Rng *rng,
             if (cos_light <= 0) return false;
             double preferred = n_lens > 1 ? preference(space, &lens->point, &light->point) : 1;
             routes = (Routes){ b->sum[0], b->grown[0], b->traced[0], preferred, 1 };
+            at_light = emission(space, &light->point, w);
             colour = at_light.colour;
         } else {
             if (!bsdf_scatter(&light->point.surface, neg(light[-1].to_lens), w, MODE_NONE, &at_light)) return false;

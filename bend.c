@@ -218,7 +218,7 @@ void bend_from_light(const Space *space, Path *x, Rng *rng, void (*found)(void *
     path_grow_to_lens(space, x, -1, rng);
     for (int i = 0; i < space->max_depth - 2; i++) {
         if (i > 0 && rng_double(rng) >= path_survival(&x->v[i].point)) return;
-        if (!path_grow_to_lens(space, x, i, rng)) return;
+        if (!(i > 0 ? path_grow_to_lens(space, x, i, rng) : path_leave_lamp(space, x, rng))) return;
         if (material_is_specular(x->v[i + 1].point.surface.material)) continue;
         if (x->v[i].mode == MODE_NONE) return;             /* this edge could be joined */
         Point lens;
@@ -247,6 +247,7 @@ double bend_density(const Space *space, const Path *x)
     double cosine = fabs(dot(x->v[m].to_lens, x->v[m].point.surface.ng)), pdf_w = s->inv_S_lens / s->inv_F * cosine, guessed = 1;
     double density = s->inv_F * x->v[x->k].s.inv_F / (cosine * to_lens.spread);
     for (int i = -1; i < m; i++) density *= path_inv_S_lens(x, i);
+    if (m > 0) density *= path_emission_ratio(space, &x->v[0].point, x->v[0].to_lens);
     for (int i = 1; i < m; i++) density *= path_survival(&x->v[i].point);
     for (int i = m + 1; i < x->k; i++) {
         density *= x->v[i].s.inv_S_lens / x->v[i].s.q;

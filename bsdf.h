@@ -57,6 +57,13 @@ typedef struct {
     bool narrow;               /* most of F is that of a narrow lobe */
 } Scatter;
 
+/* Emission of a lamp's surface, F = L_e, for a direction towards the lens drawn by the cosine law: its 1/S> is 1 / (pi F). */
+static inline Scatter bsdf_emission(const Material *m)
+{
+    double emitted = max3(m->ke);
+    return (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1, false };
+}
+
 /* False if nothing is scattered (black, or a direction on the wrong side; for MODE_REFLECT and MODE_REFRACT also if the sides or the material
  * do not fit the mode). For a specular vertex the directions are taken to obey the law of the mode; only their cosines enter. */
 bool bsdf_scatter(const Surface *surface, Vec3 w_light, Vec3 w_lens, Mode mode, Scatter *out);

@@ -36,6 +36,28 @@ bool path_grow_to_lens(const Space *space, Path *p, int i, Rng *rng)
     return scene_trace(space->scene, &v->point, w, &next->point) && path_edge(p, i);
 }
 
+/* Root of the lamp's tree; 0 for the cosine law. */
+static uint32_t emission_tree(const Space *space, const Point *lamp)
+{
+    return space->emission ? emission_root(space->emission, (uint32_t)(lamp->surface.material - space->scene->mesh.material)) : 0;
+}
+
+bool path_leave_lamp(const Space *space, Path *p, Rng *rng)
+{
+    Vertex *lamp = &p->v[0], *next = &p->v[1];
+    uint32_t tree = emission_tree(space, &lamp->point);
+    if (tree == 0) return path_grow_to_lens(space, p, 0, rng);
+    lamp->mode = next->mode = MODE_NONE;
+    Vec3 w = emission_sample(space->emission, tree, lamp->point.surface.ng, rng);
+    return dot(w, lamp->point.surface.ng) > 0 && scene_trace(space->scene, &lamp->point, w, &next->point) && path_edge(p, 0);
+}
+
+double path_emission_ratio(const Space *space, const Point *lamp, Vec3 w)
+{
+    uint32_t tree = emission_tree(space, lamp);
+    return tree == 0 ? 1 : emission_ratio(space->emission, tree, w, dot(w, lamp->surface.ng));
+}
+
 bool path_look(const Space *space, Path *p, double x, double y)
 {
     const Camera *camera = &space->scene->camera;
@@ -68,10 +90,9 @@ bool path_scatter(const Space *space, Path *p, int i)
     v->mode = MODE_NONE;
     if (i == 0) {
         const Material *m = v->point.surface.material;
-        double emitted = max3(m->ke);
-        if (!(emitted > 0) || dot(v->to_lens, v->point.surface.ng) <= 0) return false;
+        if (!material_emits(m) || dot(v->to_lens, v->point.surface.ng) <= 0) return false;
         p->light_pdf_a = scene_light_pdf_a(space->scene, m);
-        v->s = (Scatter){ scale(1 / emitted, m->ke), 1 / emitted, 1 / (PI * emitted), 0, 1, false };   /* emission is sampled with 1/pi */
+        v->s = bsdf_emission(m);
         return true;
     }
     double we;
@@ -159,6 +180,7 @@ double path_bidirectional_value(const Space *space, Path *p)
         sum = sum * path_inv_S_light(p, e + 1) * next + grown * path_inv_C(p, e);
         if (e + 1 == d) sum += bent(space->scene, p, d);
         grown *= path_inv_S_lens(p, e) * survival;
+        if (e == 0) grown *= path_emission_ratio(space, &p->v[0].point, p->v[0].to_lens);
         survival = next;
     }
     return luminance(p->colour) / sum * path_first_chance(p->v[p->k - 1].s.q);

@@ -15,6 +15,7 @@
  * Knows no mutations and no chain. */
 #ifndef PATH_H
 #define PATH_H
+#include "emission.h"
 #include "scene.h"
 
 enum { MAX_EDGES = 255 };          /* the longest path that --max-depth can ask for */
@@ -81,6 +82,7 @@ typedef struct Space {
     Part part;
     double seen;                   /* REACH_SEEN has its threshold at so many times that of indirect light */
     BentWalks bent;
+    const Emission *emission;      /* which way light subpaths of independent samples leave their lamp; NULL: by the cosine law */
     bool bidirectional;            /* indirect light is capped by its value to a bidirectional path tracer; the path tracer has at most direct light then */
     const struct Space *divided;   /* by whose values it is capped, where samples bend more walks than the values know of; NULL: by its own */
 } Space;
@@ -110,6 +112,11 @@ void path_copy(Path *to, const Path *from);
  * False if the ray is lost, or the sample fell below the surface. */
 bool path_grow_to_lens(const Space *space, Path *path, int i, Rng *rng);
 bool path_grow_to_light(const Space *space, Path *path, int i, Rng *rng);
+
+/* v[1] from v[0], like path_grow_to_lens, but by Space.emission. */
+bool path_leave_lamp(const Space *space, Path *path, Rng *rng);
+/* Its density over that of path_grow_to_lens, for light that leaves a lamp's point in the unit direction w, above its surface. */
+double path_emission_ratio(const Space *space, const Point *lamp, Vec3 w);
 
 /* Sets v[k-1] to what the lens point v[k] sees at a raster position (pixels). False if nothing is there. */
 bool path_look(const Space *space, Path *path, double x, double y);

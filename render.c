@@ -11,6 +11,9 @@
  * through specular vertices (bend.h). How much of a path is whose depends on the path and on thresholds that a pilot has set, whose own picture is thrown
  * away; that may leave the chains nothing (ALL_KEPT). The pilot looks for indirect light twice, by chains and by bidirectional samples.
  *
+ * Bootstraps learn which way light leaves its lamp to any effect (emission.h), each round from all before it. While that soon makes seeds better there
+ * are more pilots, so that no round of the picture hangs on one lucky find.
+ *
  * Every round and every chain has its own random stream, so the state of a run is a few pictures and counters.
  */
 #include "run.h"
@@ -21,6 +24,7 @@
 
 enum {
     WHOLE_PILOTS = 3, PILOTS = 6,  /* short rounds that teach, a hundredth of the work each, and are thrown away; while the integrand is whole, and all */
+    MORE_PILOTS = 10,              /* at most, while seeds are soon better for what is learned */
     ROUNDS = 16,                   /* that make the picture */
     PILOT_STEPS = 64,              /* mutations per pixel that a pilot round needs at most */
     FREE_STEPS = 16,               /* mutations per pixel in a round of a run that only its error ends */
@@ -54,11 +58,14 @@ static void begin(Render *r)
         r->direct_space.direct = DIRECT_ONLY;
         if (s->direct == LIGHT_APART) r->chain_space.direct = r->joined_space.direct = DIRECT_EXCLUDED;
         r->joined_space.bent = r->chain_space.bent = r->seeds_bent = r->scene->has_specular ? BENT_ALL : BENT_NONE;
+        r->chain_space.emission = r->emission;
+        memset(r->emission, 0, sizeof *r->emission);
     }
     r->pilot = r->has_chain;
     r->direct_share = 1;
     r->tau = 0;
-    r->rounds = 0;
+    r->rounds = r->more_pilots = 0;
+    r->seeds_before = 0;
     r->last_round = PILOTS + rounds_of_run(s);
 }
 
@@ -82,7 +89,7 @@ Render *render_new(const Scene *scene, const Settings *settings)
     if (r->bidirectional || (r->has_chain && r->has_direct))
         ok = ok && (r->passes.light = calloc(doubles, 8)) && (r->passes.light_square = calloc(doubles, 8));
     if (r->has_chain)
-        ok = ok && (r->met.seed = calloc(SEEDS, sizeof *r->met.seed)) && (r->picture = calloc(r->pixels, sizeof *r->picture))
+        ok = ok && (r->emission = calloc(1, sizeof *r->emission)) && (r->met.seed = calloc(SEEDS, sizeof *r->met.seed)) && (r->picture = calloc(r->pixels, sizeof *r->picture))
             && (r->film = large_alloc(r->pixels * sizeof *r->film)) && (r->sum = calloc(doubles, 8)) && (r->square = calloc(doubles, 8));
     if (!ok) { render_free(r); return NULL; }
     for (size_t i = 0; r->has_chain && i < r->pixels; i++) r->film[i] = (Pixel){ .weight = 1 };
@@ -103,7 +110,7 @@ void render_free(Render *r)
     image_free(r->early);
     Passes *p = &r->passes;
     void *owned[] = { r->x, r->y, r->trail, p->sum, p->square, p->direct, p->first, p->often, p->cost, p->count, p->alike, p->light, p->light_square,
-                      r->film, r->picture, r->met.seed, r->sum, r->square, r };
+                      r->film, r->picture, r->met.seed, r->emission, r->sum, r->square, r };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
 }
 
@@ -143,6 +150,10 @@ static void splat_path(void *context, const Path *path, double weight)
     sum[1] += scale * path->colour.y;
     sum[2] += scale * path->colour.z;
     pixel->halves += (float)(r->half * weight);
+    if (r->chain_space.emission) {
+        const Vertex *lamp = &path->v[0];
+        emission_see(r->emission, (uint32_t)(lamp->point.surface.material - r->scene->mesh.material), lamp->to_lens, dot(lamp->to_lens, lamp->point.surface.ng));
+    }
 }
 
 /* Where the number of chains was asked for: of these in a round, *left in it and those after it. */
@@ -225,6 +236,7 @@ static bool plan_round(Render *r)
         round.planned = fmin(round.planned, floor(1.3 * r->rate * time) + 1);
     }
     double n = s->bootstrap ? ceil((double)s->bootstrap * (r->rounds < PILOTS ? 0.01 : 1.0 / ROUNDS)) : bootstrap_samples(r, round.planned);
+    if (r->rays_per_step == 0 && s->bootstrap == 0) n = fmax(n, r->samples_per_step * round.planned);    /* the last one had nothing for chains to do */
     round.n_bootstrap = (uint64_t)fmin(n, fmin(4e7, fmax(256, 0.67 * r->samples_rate * time)));
     if (r->has_chain && r->bidirectional && s->bootstrap == 0) round.n_bootstrap = 0;      /* run_meet has it all */
     r->round = round;
@@ -251,7 +263,7 @@ static bool run_round(Render *r)
 {
     Round *round = &r->round;
     double start = clock_now();
-    uint64_t seed = r->settings->seed, stream = r->rounds << STREAM_BITS, *rays = r->scene->rays, before = *rays;
+    uint64_t seed = r->settings->seed, stream = (r->rounds + (r->more_pilots << 16)) << STREAM_BITS, *rays = r->scene->rays, before = *rays;
     bool resumed = round->chains > 0;
     double total = r->settings->per_pixel > 0 ? r->settings->per_pixel * (double)r->pixels : INFINITY;
     Bootstrap boot;
@@ -397,12 +409,26 @@ static void trace_all(Render *r)
     r->pilot = false;
 }
 
+/* Whether a pilot's seeds, which learn from those before, were so much better than the last one's, or none yet, that the next one's may be better still. */
+static bool learns_fast(Render *r)
+{
+    bool fast = r->seeds > 2 * r->seeds_before || r->seeds == 0;
+    r->seeds_before = r->seeds;
+    return fast && r->chain_space.emission && (r->seeds == 0 || emission_active(r->emission)) && r->more_pilots < MORE_PILOTS;
+}
+
 /* After a pilot round. False if memory runs out. */
 static bool learn_from_pilot(Render *r)
 {
     sampler_tune(&r->sampler, r->scene, &r->stats.chain);
     r->stats.chain = (ChainCount){ .bad = r->stats.chain.bad };
+    bool fast = learns_fast(r);
     if (r->rounds != PILOTS && !(r->has_direct && r->rounds == WHOLE_PILOTS)) return true;
+    if (fast) {
+        r->rounds--;
+        r->more_pilots++;
+        return true;
+    }
     if (r->has_direct) {
         if (!r->early) {
             Image *picture = image_new(r->scene->camera.width, r->scene->camera.height);
@@ -464,6 +490,7 @@ static bool run_chains(Render *r)
         if (!run_round(r)) return false;
         if (!going(r)) break;
         run_close_chains(r);
+        if (r->chain_space.emission) emission_learn(r->emission);
         if (run_begun(r)) {
             image_free(r->early);
             r->early = NULL;

@@ -94,6 +94,7 @@ struct Render {
     BentWalks bent, seeds_bent;    /* which of their walks are, and of a bootstrap's */
     bool catches;                  /* what can be joined nowhere is looked for by walks from the light, too */
     bool pilot;                    /* what is done now teaches, and is thrown away */
+    Emission *emission;            /* learned by pilots on the whole integrand; NULL without chains */
     Sampler sampler;
     Bdpt *bdpt;
     Path *x, *y, *trail;           /* of a chain; of the path tracer */
@@ -118,6 +119,8 @@ struct Render {
     double samples_per_step;       /* bootstrap samples that cost the rays of one step */
     double rays_per_step;          /* of the chains; 0 where they have found nothing */
     double half;                   /* 1 in the first half of a chain, -1 in the second */
+    uint64_t more_pilots;          /* than usual */
+    double seeds_before;           /* of the pilot before the last one */
     double seeds;                  /* worth a chain of their own, in the last round; 0 while unknown */
     double tau;                    /* thresholds are so many times the picture; 0 while the integrand is whole */
     Surveyed surveyed;

@@ -71,7 +71,7 @@ static uint64_t identity(const Scene *scene, const Settings *s)
     return h;
 }
 
-static const char MAGIC[] = "MLTRUNF\n";            /* the number changes with what is kept */
+static const char MAGIC[] = "MLTRUNG\n";            /* the number changes with what is kept */
 
 typedef struct {
     char magic[8];
@@ -130,6 +130,7 @@ static void pass_state(Stream *s, Render *r)
     pass_array(s, r->passes.alike, r->scene->camera.height * sizeof *r->passes.alike);
     pass_array(s, r->film, r->pixels * sizeof *r->film);
     pass_array(s, r->picture, r->pixels * sizeof *r->picture);
+    pass_array(s, r->emission, sizeof *r->emission);
     bool early = r->early != NULL;
     pass(s, &early, sizeof early);
     if (!s->write && s->ok && early) s->ok = (r->early = image_new(r->scene->camera.width, r->scene->camera.height)) != NULL;
@@ -141,7 +142,7 @@ static void pass_state(Stream *s, Render *r)
     pass(s, &r->passes.evenness, sizeof r->passes.evenness);
     pass(s, r->scene->rays, sizeof *r->scene->rays);
     double *numbers[] = { &r->steps_sum, &r->steps_square, &r->b_sum, &r->b_variance_sum, &r->rate, &r->samples_rate, &r->direct_share, &r->start_share,
-                          &r->samples_per_step, &r->seeds, &r->persistence, &r->apart_sum, &r->rays_per_step, &r->met_variance_sum, &r->relative_error, &r->learned,
+                          &r->samples_per_step, &r->seeds, &r->seeds_before, &r->persistence, &r->apart_sum, &r->rays_per_step, &r->met_variance_sum, &r->relative_error, &r->learned,
                           &r->tau, &r->whole_error, &r->left, &r->passes.cut, &r->passes.cut_square };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) pass(s, numbers[i], sizeof(double));
     uint64_t divided = r->chain_space.part != WHOLE;
@@ -162,6 +163,7 @@ static void pass_state(Stream *s, Render *r)
     r->met.seed = seed;
     pass(s, &r->rounds, sizeof r->rounds);
     pass(s, &r->last_round, sizeof r->last_round);
+    pass(s, &r->more_pilots, sizeof r->more_pilots);
     pass(s, &r->stats, sizeof r->stats);
 }
 

@@ -36,6 +36,7 @@ void run_divide(Render *r)
     r->joined_space = r->direct_space;
     r->joined_space.direct = r->bidirectional && r->direct_joined ? DIRECT_INCLUDED : DIRECT_EXCLUDED;
     r->chain_space.part = REST;
+    r->chain_space.emission = r->bidirectional ? NULL : r->emission;
 }
 
 static bool joins(Way way) { return way >= JOINED; }
@@ -54,7 +55,7 @@ typedef struct {
     Render *render;
     double scale;
     Way way;                       /* whose samples are drawn */
-    Space whole[BENDINGS];
+    Space whole[BENDINGS], learned[BENDINGS];  /* learned: a bootstrap's, whose light subpaths leave their lamp by Render.emission */
     Surveyed *sum;
 } Survey;
 
@@ -79,15 +80,16 @@ static void tell(Told *told, Reach reach, double share, double value, const doub
     }
 }
 
-/* The values of a path to all ways, relative to the picture. False if it is not to be told. */
-static bool values_of(const Survey *s, const Candidate *c, double picture, double value[WAYS])
+/* The values of a path to all ways and to bootstraps, relative to the picture. False if it is not to be told. */
+static bool values_of(const Survey *s, const Candidate *c, double picture, double value[WAYS], double bootstrap[BENDINGS])
 {
     Render *r = s->render;
-    bool bent = r->scene->has_specular && bdpt_may_be_bent(r->bdpt, c);
-    if (bent && !bdpt_path(r->bdpt, &s->whole[bends(s->way)], c->n_light, c->n_lens, r->x)) return false;
+    bool bent = r->scene->has_specular && bdpt_may_be_bent(r->bdpt, c), learned = emission_active(r->emission);
+    if ((bent || learned) && !bdpt_path(r->bdpt, &s->whole[bends(s->way)], c->n_light, c->n_lens, r->x)) return false;
     for (BentWalks b = BENT_NONE; b < BENDINGS; b++) {
         value[TRACED + b] = (bent ? path_traced_value(&s->whole[b], r->x) : c->value) / picture;
         value[JOINED + b] = (bent ? path_bidirectional_value(&s->whole[b], r->x) : bdpt_value(r->bdpt, c)) / picture;
+        bootstrap[b] = learned ? path_bidirectional_value(&s->learned[b], r->x) / picture : value[JOINED + b];
     }
     return isfinite(value[s->way]);
 }
@@ -97,13 +99,13 @@ static void survey_candidate(void *context, const Candidate *c)
     Survey *s = context;
     const Render *r = s->render;
     double picture = (double)r->picture[c->pixel], to_tau = picture / (s->scale * (double)r->film[c->pixel].threshold);
-    double light = luminance(c->rgb) / picture, value[WAYS];
+    double light = luminance(c->rgb) / picture, value[WAYS], bootstrap[BENDINGS];
     bool direct = reach_is_direct(c->reach);
-    if (!isfinite(light) || !values_of(s, c, picture, value)) return;
+    if (!isfinite(light) || !values_of(s, c, picture, value, bootstrap)) return;
     if (s->way == teller(r)) {
         double share = direct ? fmin(light, DIRECT_MOST) : light;
         for (Way way = TRACED; way < WAYS; way++) {
-            const double seeds[2] = { value[JOINED + bends(way)], value[teller(r)] };
+            const double seeds[2] = { joins(way) ? value[way] : bootstrap[bends(way)], bootstrap[bends(teller(r))] };
             if (!joins(way) || !direct) tell(&s->sum->told[way], c->reach, share, value[way], seeds, to_tau);
         }
     }
@@ -227,8 +229,11 @@ void run_survey(Render *r)
     Space all = { .scene = r->scene, .max_depth = r->settings->max_depth, .direct = DIRECT_INCLUDED, .film = r->film /* values are asked for */ };
     Surveyed *sum = &r->surveyed;
     Survey s = { .render = r, .scale = r->tau > 0 ? 1 / r->tau : 1, .whole = { all, all, all }, .sum = sum };
-    s.whole[BENT_UNJOINED].bent = BENT_UNJOINED;
-    s.whole[BENT_ALL].bent = BENT_ALL;
+    for (BentWalks b = BENT_NONE; b < BENDINGS; b++) {
+        s.whole[b].bent = b;
+        s.learned[b] = s.whole[b];
+        s.learned[b].emission = r->emission;
+    }
     double chain_rays = (double)(r->stats.chain_rays + r->stats.start_rays), best = INFINITY, scale = r->tau > 0 ? r->tau : 1;
     double now = clock_now(), a_way = r->settings->seconds > 0 ? SURVEY_TIME * (r->settings->start + r->settings->seconds - now) / (r->scene->has_specular ? WAYS : 2) : INFINITY;
     for (Way way = TRACED; way < WAYS; way++)

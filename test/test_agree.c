@@ -587,6 +587,7 @@ typedef struct {
     FirstGlass glass;
     double most;                   /* that a find counts; INFINITY, or a fault */
     bool in_full;                  /* a fault: each of both ways at the first glass counts as if it were the only one */
+    const Space *taken_for;        /* a fault: the densities are those of another space; or NULL */
     Bdpt *bdpt;
     Path *path;
     double *value;
@@ -598,6 +599,7 @@ static void add_candidate(void *context, const Candidate *c)
     double times = 1;
     if (d->unjoined && c->reach != REACH_UNJOINED) return;
     if (d->in_full && bdpt_path(d->bdpt, d->space, c->n_light, c->n_lens, d->path)) times = 1 / path_first_chance(d->path->v[d->path->k - 1].s.q);
+    if (d->taken_for && bdpt_path(d->bdpt, d->taken_for, c->n_light, c->n_lens, d->path)) times = path_bidirectional_value(d->taken_for, d->path) / luminance(c->rgb);
     add_pixel(d->value, c->pixel % FILM, c->pixel / FILM, scale(times, c->rgb), 1);
 }
 
@@ -605,7 +607,8 @@ static void add_caught(void *context, double times)
 {
     const Draw *d = context;
     const Path *x = d->path;
-    if (path_reach(x) == REACH_UNJOINED) add_pixel(d->value, x->pixel % FILM, x->pixel / FILM, scale(fmin(times, d->most) / bend_density(d->space, x), x->colour), 1);
+    const Space *space = d->taken_for ? d->taken_for : d->space;
+    if (path_reach(x) == REACH_UNJOINED) add_pixel(d->value, x->pixel % FILM, x->pixel / FILM, scale(fmin(times, d->most) / bend_density(space, x), x->colour), 1);
 }
 
 static Group drawn_group(Draw d, uint64_t stream, int n)
@@ -664,6 +667,100 @@ static void test_both_ways(void)
         disagree("each of both ways counts in full", &one, &full, BY_TILES);
     }
     scene_free(&scene);
+}
+
+/* A room under a roof with a hole, and a lamp high above, most of whose light misses it. */
+static const char hole_obj[] =
+    "mtllib hole.mtl\n"
+    "v -1 -1 -1\nv 1 -1 -1\nv 1 -1 1\nv -1 -1 1\nv -1 1 -1\nv 1 1 -1\nv 1 1 1\nv -1 1 1\n"
+    "v -0.2 1 -0.2\nv 0.2 1 -0.2\nv 0.2 1 0.2\nv -0.2 1 0.2\n"
+    "v 0.5 4 -0.2\nv 0.9 4 -0.2\nv 0.9 4 0.2\nv 0.5 4 0.2\n"
+    "usemtl wall\nf 4 3 2 1\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\nf 5 6 10 9\nf 6 7 11 10\nf 7 8 12 11\nf 8 5 9 12\n"
+    "usemtl light\nf 13 14 15 16\n";
+static const char hole_mtl[] = "newmtl wall\nKd 0.6 0.5 0.4\nnewmtl light\nKd 0 0 0\nKe 80 70 60\n";
+static const char hole_cam[] = "eye 0 0 0.9\nlook 0 -0.5 -1\nfov 80\n";
+
+typedef struct { Emission *emission; const Scene *scene; const Space *space; Bdpt *bdpt; Path *path; } Telling;
+static void tell_emission(void *context, const Candidate *c)
+{
+    const Telling *t = context;
+    if (reach_is_direct(c->reach) || !bdpt_path(t->bdpt, t->space, c->n_light, c->n_lens, t->path)) return;
+    const Vertex *lamp = &t->path->v[0];
+    emission_see(t->emission, (uint32_t)(lamp->point.surface.material - t->scene->mesh.material), lamp->to_lens, dot(lamp->to_lens, lamp->point.surface.ng));
+}
+
+static void learn_emission(Emission *e, const Space *space)
+{
+    Telling t = { e, space->scene, space, bdpt_new(), calloc(1, sizeof(Path)) };
+    Rng rng = rng_new(seed, 98);
+    for (int i = 0; i < 20000; i++) bdpt_sample(t.bdpt, space, FILM * rng_double(&rng), FILM * rng_double(&rng), BOTH_WAYS, NULL, &rng, tell_emission, &t);
+    emission_learn(e);
+    bdpt_free(t.bdpt);
+    free(t.path);
+}
+
+/* Light subpaths that leave their lamp as was learned: the same picture, by samples, by walks from the light that are bent to the lens, by chains. */
+static void test_emission(void)
+{
+    Scene scene;
+    int n = (int)(20000 * factor), depth = 6;
+    folder_write_text("hole.obj", hole_obj);
+    folder_write_text("hole.mtl", hole_mtl);
+    folder_write_text("hole.cam", hole_cam);
+    Emission *learned = calloc(1, sizeof *learned);
+    if (!CHECK(learned)) return;
+    if (load(&scene, folder_path("hole.obj"))) {
+        printf("a room under a hole, directions of emission learned\n");
+        Space whole = { .scene = &scene, .max_depth = depth, .direct = DIRECT_EXCLUDED }, guided = whole;
+        learn_emission(learned, &whole);
+        guided.emission = learned;
+        CHECK(emission_active(learned));
+        Draw plain = { .space = &whole, .glass = BOTH_WAYS }, by_learned = { .space = &guided, .glass = BOTH_WAYS }, unaware = by_learned;
+        unaware.taken_for = &whole;
+        Group a = drawn_group(plain, 8, n), b = drawn_group(by_learned, 9, n), wrong = drawn_group(unaware, 9, n);
+        agree("bidirectional samples", &a, &b, BY_TILES);
+        disagree("densities are those of the cosine law", &a, &wrong, BY_TILES);
+        test_bent_values(guided, true, BENT_NONE);
+        double by_cosine, by_light;
+        moments(&a, TILES * TILES, &by_light, &by_cosine);
+        moments(&b, TILES * TILES, &by_light, &by_light);
+        printf("    variance, learned over cosine law: %.3f\n", by_light / by_cosine);
+        CHECK(by_light < 0.7 * by_cosine);
+        Effort effort = { 400, 100, 1000, 0 };
+        Group path = render_group(&scene, INTEGRATOR_PATH, LIGHT_APART, depth, effort), mlt = render_group(&scene, INTEGRATOR_MLT, LIGHT_APART, depth, effort);
+        agree("path, mlt", &path, &mlt, BY_TILES);
+        Settings s = { .integrator = INTEGRATOR_MLT, .direct = LIGHT_APART, .max_depth = depth, .strategies = ~0u, .seed = seed, .per_pixel = 1000 };
+        Render *r = render_new(&scene, &s);
+        CHECK(r && render_run(r, always, NULL) && r->chain_space.emission && emission_active(r->emission));
+        render_free(r);
+        scene_free(&scene);
+    }
+    folder_write_text("basin.obj", basin_obj);
+    folder_write_text("basin.mtl", basin_mtl);
+    folder_write_text("basin.cam", basin_cam);
+    if (load(&scene, folder_path("basin.obj"))) {
+        printf("the floor under water, directions of emission from a cone\n");
+        Space whole = { .scene = &scene, .max_depth = 7, .direct = DIRECT_INCLUDED, .bent = BENT_ALL }, guided = whole;
+        Rng rng = rng_new(seed, 99);
+        memset(learned, 0, sizeof *learned);
+        for (int i = 0; i < 1000; i++) {
+            Vec3 w = normalize(vec3(0.3 + 0.1 * rng_double(&rng), -1, 0.2 * rng_double(&rng)));
+            emission_see(learned, (uint32_t)(scene.mesh.triangle_material[scene.light[0]]), w, -w.y);
+        }
+        emission_learn(learned);
+        guided.emission = learned;
+        CHECK(emission_active(learned));
+        Draw plain = { .space = &whole, .glass = BOTH_WAYS }, by_learned = { .space = &guided, .glass = BOTH_WAYS };
+        Draw from_light = { .space = &whole, .from_light = true, .most = INFINITY }, so_learned = { .space = &guided, .from_light = true, .most = INFINITY }, unaware = so_learned;
+        unaware.taken_for = &whole;
+        Group a = drawn_group(plain, 10, n), b = drawn_group(by_learned, 11, n), c = drawn_group(from_light, 12, 4 * n), d = drawn_group(so_learned, 13, 4 * n), wrong = drawn_group(unaware, 13, 4 * n);
+        agree("bidirectional samples, walks bent", &a, &b, BY_TILES);
+        agree("walks from the light bent to the lens", &c, &d, BY_TILES);
+        disagree("densities are those of the cosine law", &c, &wrong, BY_TILES);
+        test_bent_values(guided, true, BENT_ALL);
+        scene_free(&scene);
+    }
+    free(learned);
 }
 
 static void test_met(void)
@@ -974,6 +1071,7 @@ int main(int argc, char **argv)
     test_spread();
     test_caught();
     test_both_ways();
+    test_emission();
     test_met();
     test_primaries();
     test_stopped();
