@@ -61,6 +61,18 @@ static inline double evenness(const Evenness *e, uint32_t tile, double value, do
     return fairly_known ? fmin(e->kind[brightness(e, value)] * e->tile[tile], 1) : 1;
 }
 
+/* The row whose samples stand for those of row y: on a large film a pilot has none of most rows. The nearest that has any, the upper one of two. */
+static inline uint32_t sampled_row(const Render *r, uint32_t y)
+{
+    const uint64_t *count = r->passes.count;
+    uint32_t height = r->scene->camera.height;
+    for (uint32_t d = 0; r->pilot && d < height; d++) {
+        if (d <= y && count[y - d] > 0) return y - d;
+        if (y + d < height && count[y + d] > 0) return y + d;
+    }
+    return y;
+}
+
 static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
 {
     const Render *r = of->render;
@@ -68,8 +80,10 @@ static inline Estimate estimate(const Estimator *of, uint32_t x, uint32_t y)
     size_t pixel = (size_t)y * r->scene->camera.width + x;
     Estimate e = { { 0 }, { 0 }, { 0 }, { 0 } };
     if (r->has_direct) {
-        double n = (double)run_samples(p, pixel, y, p->count[y]), inv_n = n > 0 ? 1 / n : 0, rest = n > 1 ? 1 / (n - 1) : 0;
-        const double *sum = p->sum + 3 * pixel, *square = p->square + 3 * pixel;
+        uint32_t row = sampled_row(r, y);
+        size_t sampled = (size_t)row * r->scene->camera.width + x;
+        double n = (double)run_samples(p, sampled, row, p->count[row]), inv_n = n > 0 ? 1 / n : 0, rest = n > 1 ? 1 / (n - 1) : 0;
+        const double *sum = p->sum + 3 * sampled, *square = p->square + 3 * sampled;
         uint32_t tile = run_tile(r, x, y);
         for (int i = 0; i < 3; i++) {
             e.value[i] = sum[i] * inv_n;
@@ -124,12 +138,15 @@ void run_evenness(Render *r)
     double logs = 0;                           /* weighted as of_all: of the samples of one sequence */
     uint32_t width = r->scene->camera.width, height = r->scene->camera.height;
     size_t pixel = 0;
-    e->mean = 0;
+    double light = 0, sampled = 0;
     for (uint32_t y = 0; y < height; y++)
         for (uint32_t x = 0; x < width; x++, pixel++) {
-            double n = (double)run_samples(p, pixel, y, p->count[y]), weight = n > 0 ? 1 / (3 * n * (double)r->pixels) : 0;
-            for (int i = 0; i < 3; i++) e->mean += weight * p->sum[3 * pixel + (size_t)i];
+            double n = (double)run_samples(p, pixel, y, p->count[y]);
+            if (n == 0) continue;
+            for (int i = 0; i < 3; i++) light += p->sum[3 * pixel + (size_t)i] / n;
+            sampled += 3;
         }
+    e->mean = sampled > 0 ? light / sampled : 0;
     for (int in_tiles = 0; in_tiles < 2; in_tiles++) {
         pixel = 0;
         for (uint32_t y = 0; y < height; y++)
@@ -205,11 +222,13 @@ static inline void filter(float *picture, size_t width, size_t height, float *wo
     }
 }
 
-/* Pixels along the side of a block in which chains have made some 8 mutations. */
+/* Pixels along the side of a block in which chains have made some 8 mutations, and which has a row of samples. */
 static size_t block_size(const Render *r)
 {
-    double steps = r->steps_sum + r->round.steps;
-    return r->has_chain && steps > 0 ? (size_t)fmin(ceil(sqrt(8 * (double)r->pixels / steps)), 16) : 1;
+    double steps = r->steps_sum + r->round.steps, rows = (double)r->passes.rows, chains = 1, samples = 1;
+    if (r->has_chain && steps > 0) chains = ceil(sqrt(8 * (double)r->pixels / steps));
+    if (r->pilot && rows > 0) samples = ceil(r->scene->camera.height / rows);
+    return (size_t)fmin(fmax(chains, samples), 16);
 }
 
 /* The picture's brightness without its outliers, a mean over channels: the median of the surroundings, or, for small features, the mean of so much of

@@ -26,11 +26,12 @@ enum {
     WHOLE_PILOTS = 3, PILOTS = 6,  /* short rounds that teach, a hundredth of the work each, and are thrown away; while the integrand is whole, and all */
     MORE_PILOTS = 10,              /* at most, while seeds are soon better for what is learned */
     ROUNDS = 16,                   /* that make the picture */
+    PILOT_SAMPLES = 65536,         /* of the path tracer, that a pilot begins with, on a film that has as many pixels */
     PILOT_STEPS = 64,              /* mutations per pixel that a pilot round needs at most */
     FREE_STEPS = 16,               /* mutations per pixel in a round of a run that only its error ends */
     LEARN_RAYS = 4,                /* per pixel after which it pays to learn again, and a quarter more than so far: that costs as much as some 0.2 */
     SURE_SHARE = 20,               /* rays of independent samples per ray of the chains: above it chains matter little */
-    LEAST_PASSES = 6,              /* of samples that a run with chains must have time for */
+    LEAST_PASSES = 3,              /* of samples that a run with chains must have time for, beside the pilot's */
     ALIKE_PASSES = 8,              /* of samples before it is settled which pixels are to have more */
     ROW_SHARE = 64,                /* of the film's rows are sampled in a round at least */
     MOST_A_SEED = 16,              /* chains */
@@ -124,11 +125,18 @@ static bool in_time(const Render *r, double deadline) { return r->settings->seco
 
 /* ---- independent samples ---- */
 
+/* That there are to be before the first chain: a pass, but of a pilot on a large film no more than it can learn from. */
+static double first_rows(const Render *r)
+{
+    double height = r->scene->camera.height, enough = ceil((double)PILOT_SAMPLES / r->scene->camera.width);
+    return r->pilot ? fmin(fmax(enough, 16), height) : height;
+}
+
 /* Whatever the clock or the user say: without a sample in every pixel there is no picture of what the path tracer is to bring. */
 static bool one_pass(Render *r)
 {
     double start = clock_now();
-    while (r->passes.rows < r->scene->camera.height)
+    while ((double)r->passes.rows < first_rows(r))
         if (!run_sample_row(r)) return false;
     r->stats.seconds_direct += clock_now() - start;
     return true;
@@ -393,7 +401,7 @@ static bool time_for_pilot(Render *r, bool *enough)
     while (r->passes.rows < r->scene->camera.height && r->passes.rows < 16 && clock_now() - start < 0.02 * seconds)
         if (!run_sample_row(r)) return false;
     double pass = (clock_now() - start) / (double)r->passes.rows * height;
-    *enough = pass < seconds / LEAST_PASSES;
+    *enough = pass * (LEAST_PASSES + first_rows(r) / height) < seconds;
     return true;
 }
 
@@ -452,7 +460,7 @@ static bool learn_from_pilot(Render *r)
  * chains have found nothing in the last round it works in their place, a sample for each mutation. */
 static double least_rows(const Render *r)
 {
-    double height = r->scene->camera.height, rounds = (double)r->rounds, least = height * (rounds <= PILOTS ? 1 : fmin(2 * (rounds - PILOTS), 4));
+    double height = r->scene->camera.height, rounds = (double)r->rounds, least = rounds <= PILOTS ? first_rows(r) : height * fmin(2 * (rounds - PILOTS), 4);
     const Settings *s = r->settings;
     double in_round = s->per_pixel > 0 ? s->per_pixel / (double)rounds_of_run(s) : s->seconds > 0 ? 0 : FREE_STEPS;
     return r->rays_per_step > 0 || rounds <= PILOTS + 1 ? least : fmax(least, in_round * height * (rounds - PILOTS));

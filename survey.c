@@ -4,7 +4,7 @@
 enum {
     FIRST_CUT = -8,                /* tau that are weighed: 2^-8 .. 2^9 times the picture's own value, and ALL_KEPT */
     SURE_CUTS = 14,                /* .. 2^5 whatever the survey has seen above them */
-    LEAST_ABOVE = 32,              /* paths that it must have seen above a higher one */
+    LEAST_ABOVE = 32,              /* paths that it must have seen above a higher one: of what is brighter than all that it has seen it knows nothing */
     SURVEY = 4000,                 /* samples for that, of each kind, at least, */
     HASTY_SURVEY = 500,            /* but only so many if they take longer than SURVEY_TIME */
     DIRECT_MOST = 4,               /* times the picture's value: what a sample of direct light may count there */
@@ -19,9 +19,8 @@ enum {
 static const double ALONE = 20, EVEN = 0.7;
 /* So few samples hardly see the tails of what is met by chance alone, and of what guesses find. By the walks that are bent, the error counts so many times. */
 static const double DOUBT[BENDINGS] = { 1.25, 1, 1.5 };
-/* Of the chains' error where none of them gets away from its seed: so much a pilot, which has few of them, does not foretell; and from what
- * persistence on that is so. */
-static const double NOT_FORETOLD = 0.5, STUCK = 0.75;
+/* Of the chains' error where none of them gets away from its seed: so much a pilot, which has few of them, does not foretell. */
+static const double NOT_FORETOLD = 0.5;
 static const double SURVEY_SHARE = 0.5, SURVEY_RAYS = 4e6;     /* of each kind such a share of the rays of the pilot's chains, up to so many */
 static const double SURVEY_TIME = 0.25;    /* of what is left of a run's time, for all kinds */
 
@@ -256,9 +255,8 @@ void run_survey(Render *r)
         for (int i = 0; i < CUTS && sum->capped[way].n > 0; i++) {
             double left = told->left[i] / told->indirect;
             bool keeps_all = i == CUTS - 1, direct_joined;
-            /* so few samples cannot tell that nothing is left, nor how bright the rare is that chains would spread, if they got away from their seeds */
-            if (keeps_all ? told->above[SURE_CUTS - 1] < LEAST_ABOVE && r->persistence < STUCK
-                          : (i > 0 && !(left > 0)) || (i >= SURE_CUTS && told->above[i] < LEAST_ABOVE)) continue;
+            /* so few samples cannot tell that nothing is left, nor how bright the rare is that chains would spread */
+            if (keeps_all ? told->above[SURE_CUTS - 1] < LEAST_ABOVE : (i > 0 && !(left > 0)) || (i >= SURE_CUTS && told->above[i] < LEAST_ABOVE)) continue;
             double path = sqrt(way_cost(sum, way, i, !r->scene->has_specular, &direct_joined)), rest = left > 0 ? sqrt(r->whole_error * pow(left, 2 - power)) : 0;
             /* the scale of all that chains bring is that of their seeds */
             BentWalks from = !joins(way) && r->scene->has_specular && of_seeds(sum, way, i, BENT_ALL) < 0.8 * of_seeds(sum, way, i, bends(way)) ? BENT_ALL : bends(way);

@@ -854,7 +854,7 @@ static bool until(void *context, const Render *r) { return !has_come(r, *(const 
 static void test_stopped(void)
 {
     static const char *const name[] = { "before a chain", "after a pilot", "the integrand just divided", "a round is done" };
-    enum { TIMES = 30, OFTEN = 1200 /* where a run is short */, DEPTH = 6 };
+    enum { TIMES = 60, OFTEN = 1200 /* where a run is short */, DEPTH = 6 };
     Scene scene;
     Image *image = image_new(FILM, FILM);
     if (!CHECK(image) || !load(&scene, "scenes/door.obj")) return;
