@@ -1,7 +1,7 @@
-/* Which way light leaves a lamp that is found to matter: a sun sends most of its light past the window. Light subpaths of independent samples leave their
- * lamp by the cosine law or, as often, by a density over directions that paths have taught, while the integrand was whole; from then on it stays the
- * same, for what a sample leaves to the chains goes by its densities. The chains' own mutations know nothing of it. [Jensen 1995: importance driven path
- * tracing using the photon map; Mueller, Gross, Novak 2017: practical path guiding]
+/* Which way light leaves a lamp that is found to matter: a sun sends most of its light past the window. Light subpaths in search of seeds for chains leave
+ * their lamp by the cosine law or, as often, by a density over directions that the chains' paths have taught, in all rounds before. The chains' own
+ * mutations know nothing of it, nor do the samples that make the picture. [Jensen 1995: importance driven path tracing using the photon map; Mueller,
+ * Gross, Novak 2017: practical path guiding]
  *
  * Each material that emits has a binary tree over the unit square to which the sphere of directions unrolls by area: x = (1 + w.z) / 2, y = phi / 2 pi.
  * Knows no paths. */

@@ -82,7 +82,7 @@ typedef struct Space {
     Part part;
     double seen;                   /* REACH_SEEN has its threshold at so many times that of indirect light */
     BentWalks bent;
-    const Emission *emission;      /* which way light subpaths of independent samples leave their lamp; NULL: by the cosine law */
+    const Emission *emission;      /* which way light subpaths of samples leave their lamp, not a mutation's; NULL: by the cosine law */
     bool bidirectional;            /* indirect light is capped by its value to a bidirectional path tracer; the path tracer has at most direct light then */
     const struct Space *divided;   /* by whose values it is capped, where samples bend more walks than the values know of; NULL: by its own */
 } Space;

@@ -94,7 +94,7 @@ struct Render {
     BentWalks bent, seeds_bent;    /* which of their walks are, and of a bootstrap's */
     bool catches;                  /* what can be joined nowhere is looked for by walks from the light, too */
     bool pilot;                    /* what is done now teaches, and is thrown away */
-    Emission *emission;            /* learned by pilots on the whole integrand; NULL without chains */
+    Emission *emission;            /* learned after each round, for the seeds of the next; NULL without chains */
     Sampler sampler;
     Bdpt *bdpt;
     Path *x, *y, *trail;           /* of a chain; of the path tracer */
